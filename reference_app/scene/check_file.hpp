@@ -1,0 +1,18 @@
+// SPDX-License-Identifier: MIT
+// Checks that the importer library leaves out: headers that promise more than the file holds.
+#pragma once
+
+#include <filesystem>
+
+namespace pgl::scene {
+
+/// True for .obj, .ply, .stl, .gltf and .glb, in any case.
+bool has_known_extension(const std::filesystem::path& file);
+
+/// Throws std::runtime_error with the reason when the file is visibly truncated or malformed, or needs a glTF extension
+/// that changes geometry. PLY: every element is there, with lists no longer than the file. STL: the binary count fits,
+/// the text has its last endsolid. glTF: sizes of chunks, buffer views and accessors agree, positions are floats. OBJ
+/// promises nothing, so there is nothing to check. Linear time, one pass over the mapped file.
+void check_file(const std::filesystem::path& file);
+
+}  // namespace pgl::scene

@@ -1,0 +1,290 @@
+// SPDX-License-Identifier: MIT
+#include "scene/read_file.hpp"
+
+#include <assimp/postprocess.h>
+#include <assimp/scene.h>
+#include <fcntl.h>
+#include <sys/resource.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <assimp/Importer.hpp>
+#include <assimp/ProgressHandler.hpp>
+#include <cerrno>
+#include <csignal>
+#include <cstdio>
+#include <cstring>
+#include <fstream>
+#include <map>
+#include <system_error>
+#include <utility>
+
+#include "scene/check_file.hpp"
+#include "scene/error.hpp"
+
+namespace pgl::scene {
+namespace {
+
+// ---- what the child sends -------------------------------------------------------------------------------------------
+
+enum class Tag : std::uint64_t { progress, mesh, object, points_and_lines, error, end };
+
+struct Record {
+  Tag tag;
+  std::uint64_t a = 0, b = 0;
+};
+
+void send(std::FILE* out, const void* data, std::size_t bytes) {
+  if (bytes != 0 && std::fwrite(data, 1, bytes, out) != bytes) _exit(1);  // the parent is gone
+}
+void send(std::FILE* out, const Record& record) {
+  send(out, &record, sizeof record);
+}
+
+bool receive(std::FILE* in, void* data, std::size_t bytes) {
+  return bytes == 0 || std::fread(data, 1, bytes, in) == bytes;
+}
+
+// ---- the child ------------------------------------------------------------------------------------------------------
+
+struct Placement {
+  const aiNode* node;
+  std::array<std::array<double, 3>, 4> world;
+};
+
+/// parent * local, for affine matrices, in double.
+std::array<std::array<double, 3>, 4> compose(const std::array<std::array<double, 3>, 4>& parent,
+                                             const aiMatrix4x4& local) {
+  std::array<std::array<double, 3>, 4> result;
+  for (unsigned column = 0; column < 4; ++column)
+    for (unsigned row = 0; row < 3; ++row) {
+      double sum = column == 3 ? parent[3][row] : 0.0;
+      for (unsigned k = 0; k < 3; ++k) sum += parent[k][row] * static_cast<double>(local[k][column]);
+      result[column][row] = sum;
+    }
+  return result;
+}
+
+/// The meshes of one node as one; points and lines are counted, not kept.
+MeshData merge(const aiScene& scene, const std::vector<unsigned>& parts, std::uint64_t& points_and_lines) {
+  MeshData mesh;
+  for (const unsigned part : parts) {
+    const aiMesh& from = *scene.mMeshes[part];
+    const std::size_t first = mesh.positions.size();
+    if (first + from.mNumVertices >= (std::size_t{1} << 31))
+      throw std::runtime_error("a mesh has 2^31 or more vertices");
+    mesh.positions.resize(first + from.mNumVertices);
+    static_assert(sizeof(aiVector3D) == sizeof(glm::vec3));
+    if (from.mNumVertices) std::memcpy(&mesh.positions[first], from.mVertices, from.mNumVertices * sizeof(glm::vec3));
+    for (unsigned f = 0; f < from.mNumFaces; ++f) {
+      const aiFace& face = from.mFaces[f];
+      if (face.mNumIndices < 3) ++points_and_lines;
+      for (unsigned k = 0; k < face.mNumIndices; ++k)
+        if (face.mIndices[k] >= from.mNumVertices) throw std::runtime_error("a triangle index is out of range");
+      const auto corner = [&](unsigned k) { return static_cast<std::uint32_t>(first + face.mIndices[k]); };
+      for (unsigned k = 2; k < face.mNumIndices; ++k) mesh.triangles.push_back({{corner(0), corner(k - 1), corner(k)}});
+    }
+  }
+  return mesh;
+}
+
+class Reporter : public Assimp::ProgressHandler {
+ public:
+  explicit Reporter(std::FILE* out) : out_(out) {}
+  bool Update(float) override { return true; }
+  void UpdateFileRead(int step, int steps) override {
+    if (step < 0 || steps <= 0 || step > steps) return;
+    send(out_, Record{Tag::progress, static_cast<std::uint64_t>(step), static_cast<std::uint64_t>(steps)});
+    std::fflush(out_);
+  }
+
+ private:
+  std::FILE* out_;
+};
+
+void parse_and_send(const std::filesystem::path& file, std::FILE* out) {
+  check_file(file);
+  auto* importer =
+      new Assimp::Importer;  // never destroyed: the process ends, and a deep node tree cannot overflow the stack
+  importer->SetProgressHandler(new Reporter(out));
+  const aiScene* scene = importer->ReadFile(file.native(), aiProcess_Triangulate);
+  if (!scene || !scene->mRootNode)
+    throw std::runtime_error(std::string("cannot be read: ") + importer->GetErrorString());
+
+  std::map<std::vector<unsigned>, std::uint64_t>
+      known;  // the meshes of a node -> our mesh, or no_mesh if without triangles
+  constexpr std::uint64_t no_mesh = ~std::uint64_t{0};
+  std::uint64_t mesh_count = 0, points_and_lines = 0;
+  std::vector<Placement> stack{
+      {scene->mRootNode, compose({{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}, {0, 0, 0}}}, scene->mRootNode->mTransformation)}};
+  while (!stack.empty()) {
+    const Placement at = stack.back();
+    stack.pop_back();
+    const aiNode& node = *at.node;
+    for (unsigned k = node.mNumChildren; k-- > 0;)
+      stack.push_back({node.mChildren[k], compose(at.world, node.mChildren[k]->mTransformation)});
+    if (node.mNumMeshes == 0) continue;
+    const std::vector<unsigned> parts(node.mMeshes, node.mMeshes + node.mNumMeshes);
+    const auto [entry, is_new] = known.try_emplace(parts, no_mesh);
+    if (is_new) {
+      const MeshData mesh = merge(*scene, parts, points_and_lines);
+      if (!mesh.triangles.empty()) {
+        entry->second = mesh_count++;
+        send(out, Record{Tag::mesh, mesh.positions.size(), mesh.triangles.size()});
+        send(out, mesh.positions.data(), mesh.positions.size() * sizeof mesh.positions[0]);
+        send(out, mesh.triangles.data(), mesh.triangles.size() * sizeof mesh.triangles[0]);
+      }
+    }
+    if (entry->second == no_mesh) continue;
+    send(out, Record{Tag::object, entry->second, node.mName.length});
+    send(out, at.world.data(), sizeof at.world);
+    send(out, node.mName.data, node.mName.length);
+  }
+  send(out, Record{Tag::points_and_lines, points_and_lines});
+}
+
+/// Bounds what the child may use, by the size of the file: generous for any real model, harmless for the machine.
+void limit_resources(std::uint64_t file_bytes) {
+  const auto set = [](auto resource, std::uint64_t value) {
+    rlimit limit{};
+    if (getrlimit(resource, &limit) != 0) return;
+    limit.rlim_cur = std::min<rlim_t>(value, limit.rlim_max);
+    setrlimit(resource, &limit);
+  };
+  std::uint64_t pages[6] = {};  // size resident shared text lib data, of the parent at the fork
+  if (std::ifstream statm("/proc/self/statm"); statm)
+    for (auto& p : pages) statm >> p;
+  constexpr std::uint64_t gib = std::uint64_t{1} << 30;
+  set(RLIMIT_DATA, pages[5] * static_cast<std::uint64_t>(sysconf(_SC_PAGESIZE)) + 4 * gib + 256 * file_bytes);
+  set(RLIMIT_CPU, 60 + file_bytes / 100'000);
+  set(RLIMIT_CORE, 0);
+}
+
+[[noreturn]] void child(const std::filesystem::path& file, std::uint64_t file_bytes, int pipe_end) {
+  // What a broken heap or a sanitizer would print is told by the parent in one line.
+  if (const int null = open("/dev/null", O_WRONLY); null >= 0) {
+    dup2(null, STDOUT_FILENO);
+    dup2(null, STDERR_FILENO);
+  }
+  for (const int signal : {SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT, SIGINT, SIGTERM}) std::signal(signal, SIG_DFL);
+  limit_resources(file_bytes);
+  std::FILE* out = fdopen(pipe_end, "wb");
+  if (!out) _exit(1);
+  std::string problem;
+  try {
+    parse_and_send(file, out);
+  } catch (const std::bad_alloc&) {
+    problem = "needs too much memory for a file of its size";
+  } catch (const std::exception& error) {
+    problem = error.what();
+  } catch (...) {
+    problem = "cannot be read";
+  }
+  if (!problem.empty()) {
+    send(out, Record{Tag::error, problem.size()});
+    send(out, problem.data(), problem.size());
+  } else {
+    send(out, Record{Tag::end});
+  }
+  std::fflush(out);
+  _exit(0);
+}
+
+// ---- the parent -----------------------------------------------------------------------------------------------------
+
+/// Ends the child when the parent is done with it, one way or another.
+struct Child {
+  pid_t pid = -1;
+  std::FILE* in = nullptr;
+
+  /// Waits; the signal that ended the child, or 0.
+  int wait() {
+    int status = 0;
+    while (waitpid(pid, &status, 0) < 0 && errno == EINTR) {
+    }
+    pid = -1;
+    return WIFSIGNALED(status) ? WTERMSIG(status) : 0;
+  }
+  ~Child() {
+    if (in) std::fclose(in);
+    if (pid > 0) {
+      kill(pid, SIGKILL);
+      wait();
+    }
+  }
+};
+
+std::string reason_of_death(int signal) {
+  if (signal == SIGXCPU || signal == SIGKILL) return "malformed: takes too much time or memory for a file of its size";
+  return "malformed: the reader failed on it" + (signal ? " (signal " + std::to_string(signal) + ")" : std::string());
+}
+
+}  // namespace
+
+FileContent read_file(const std::filesystem::path& file, const Progress& progress) {
+  std::error_code problem;
+  const auto status = std::filesystem::status(file, problem);
+  if (!std::filesystem::exists(status)) throw Error(file, problem ? problem.message() : "no such file");
+  if (std::filesystem::is_directory(status)) throw Error(file, "is a directory");
+  if (!std::filesystem::is_regular_file(status)) throw Error(file, "is not a regular file");
+  const std::uint64_t bytes = std::filesystem::file_size(file, problem);
+  if (problem) throw Error(file, problem.message());
+  if (bytes == 0) throw Error(file, "is empty");
+  if (!has_known_extension(file)) throw Error(file, "unknown format (expected .obj, .ply, .stl, .gltf or .glb)");
+
+  int ends[2];
+  if (pipe2(ends, O_CLOEXEC) != 0) throw Error(file, std::string("cannot start reading: ") + std::strerror(errno));
+  Child reader;
+  reader.pid = fork();
+  if (reader.pid == 0) {
+    close(ends[0]);
+    child(file, bytes, ends[1]);
+  }
+  close(ends[1]);
+  reader.in = fdopen(ends[0], "rb");
+  if (reader.pid < 0 || !reader.in) throw Error(file, std::string("cannot start reading: ") + std::strerror(errno));
+
+  FileContent content;
+  try {
+    for (Record record; receive(reader.in, &record, sizeof record);) {
+      switch (record.tag) {
+        case Tag::progress:
+          if (progress) progress("read", record.a, record.b);
+          break;
+        case Tag::mesh: {
+          MeshData mesh;
+          mesh.positions.resize(record.a);
+          mesh.triangles.resize(record.b);
+          if (!receive(reader.in, mesh.positions.data(), record.a * sizeof mesh.positions[0])) break;
+          if (!receive(reader.in, mesh.triangles.data(), record.b * sizeof mesh.triangles[0])) break;
+          content.meshes.push_back(std::move(mesh));
+          break;
+        }
+        case Tag::object: {
+          FileObject object{static_cast<std::uint32_t>(record.a), {}, std::string(record.b, '\0')};
+          if (!receive(reader.in, object.transform, sizeof object.transform)) break;
+          if (!receive(reader.in, object.name.data(), object.name.size())) break;
+          content.objects.push_back(std::move(object));
+          break;
+        }
+        case Tag::points_and_lines:
+          content.points_and_lines = record.a;
+          break;
+        case Tag::error: {
+          std::string text(record.a, '\0');
+          if (!receive(reader.in, text.data(), text.size())) break;
+          throw Error(file, text);
+        }
+        case Tag::end:
+          return content;
+      }
+    }
+  } catch (const std::bad_alloc&) {
+    throw Error(file, "does not fit in memory");
+  }
+  throw Error(file, reason_of_death(reader.wait()));
+}
+
+}  // namespace pgl::scene
