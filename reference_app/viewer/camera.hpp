@@ -1,0 +1,127 @@
+// SPDX-License-Identifier: MIT
+// The viewer's camera: where it stands, what it sees, how it moves. World space is right-handed.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "pgl/types.hpp"
+
+#include <glm/gtc/matrix_transform.hpp>
+
+namespace pgl::viewer {
+
+struct Camera {
+  glm::dvec3 eye{0.0, 0.0, 1.0};
+  glm::dvec3 target{0.0};
+  glm::dvec3 up{0.0, 1.0, 0.0};  ///< the world's, of unit length
+  double fov_degrees = 45.0;     ///< vertical
+};
+
+/// Right, up and forward of the camera, orthonormal, also when it looks straight up or down.
+struct CameraAxes {
+  glm::dvec3 right, up, forward;
+};
+
+inline CameraAxes axes_of(const Camera& camera) {
+  const glm::dvec3 forward = glm::normalize(camera.target - camera.eye);
+  glm::dvec3 side = glm::cross(forward, camera.up);
+  if (glm::dot(side, side) < 1e-12) side = glm::cross(forward, glm::dvec3(camera.up.y, camera.up.z, camera.up.x));
+  const glm::dvec3 right = glm::normalize(side);
+  return {right, glm::cross(right, forward), forward};
+}
+
+/// Calls visit(corner) for the eight corners of the box.
+template <class Visit>
+void each_corner(const Box& box, Visit&& visit) {
+  for (int i = 0; i < 8; ++i) {
+    visit(glm::dvec3(i & 1 ? box.max.x : box.min.x, i & 2 ? box.max.y : box.min.y, i & 4 ? box.max.z : box.min.z));
+  }
+}
+
+/// A camera that looks from a raised corner and has the whole (non-empty) box in the picture.
+inline Camera fit_camera(const Box& box, const glm::dvec3& up, double fov_degrees, double aspect) {
+  Camera camera;
+  camera.up = up;
+  camera.fov_degrees = fov_degrees;
+  camera.target = 0.5 * (glm::dvec3(box.min) + glm::dvec3(box.max));
+  // Two horizontal directions that go with the up axis, the view from between them and above.
+  const glm::dvec3 side(up.z, up.x, up.y);
+  const glm::dvec3 front = glm::cross(side, up);
+  camera.eye = camera.target + glm::normalize(0.55 * side + 0.8 * front + 0.5 * up);
+  const CameraAxes axes = axes_of(camera);
+  const double slope = std::tan(glm::radians(fov_degrees) / 2.0);
+  double distance = 0.0;
+  each_corner(box, [&](const glm::dvec3& corner) {
+    const glm::dvec3 c = corner - camera.target;
+    const double need = std::max(std::abs(glm::dot(c, axes.right)) / aspect, std::abs(glm::dot(c, axes.up))) / slope;
+    distance = std::max(distance, need - glm::dot(c, axes.forward));
+  });
+  if (!(distance > 0.0)) distance = 1.0;  // a single point
+  camera.eye = camera.target - axes.forward * (distance * 1.02);
+  return camera;
+}
+
+/// The view of the camera on a picture of that size. The near and far planes hold the whole box between them, the near
+/// plane at no less than 1/20000 of the far one.
+inline View view_of(const Camera& camera, const Box& box, int width, int height) {
+  const CameraAxes axes = axes_of(camera);
+  double nearest = std::numeric_limits<double>::infinity();
+  double farthest = 0.0;
+  each_corner(box, [&](const glm::dvec3& corner) {
+    const double depth = glm::dot(corner - camera.eye, axes.forward);
+    nearest = std::min(nearest, depth);
+    farthest = std::max(farthest, depth);
+  });
+  const double far_plane = farthest > 0.0 ? farthest * 1.001 : glm::distance(camera.eye, camera.target);
+  const double near_plane = std::clamp(nearest * 0.999, far_plane / 20000.0, far_plane * 0.99);
+  const double aspect = static_cast<double>(width) / height;
+  View view;
+  view.clip_from_world = glm::mat4(glm::perspective(glm::radians(camera.fov_degrees), aspect, near_plane, far_plane) *
+                                   glm::lookAt(camera.eye, camera.target, axes.up));
+  view.width = static_cast<float>(width);
+  view.height = static_cast<float>(height);
+  view.near_depth = static_cast<float>(near_plane);
+  return view;
+}
+
+/// `v` turned about the unit `axis`.
+inline glm::dvec3 turned(const glm::dvec3& v, const glm::dvec3& axis, double radians) {
+  return v * std::cos(radians) + glm::cross(axis, v) * std::sin(radians) +
+         axis * (glm::dot(axis, v) * (1.0 - std::cos(radians)));
+}
+
+/// The direction turned by yaw about the world's up and by pitch about the camera's right, kept off the poles.
+inline glm::dvec3 steered(const Camera& camera, const glm::dvec3& direction, double yaw, double pitch) {
+  const CameraAxes axes = axes_of(camera);
+  const double elevation = std::asin(std::clamp(glm::dot(axes.forward, camera.up), -1.0, 1.0));
+  const double limit = glm::radians(89.0);
+  pitch = std::clamp(elevation + pitch, -limit, limit) - elevation;
+  return turned(turned(direction, axes.right, pitch), camera.up, yaw);
+}
+
+/// Moves the eye around the target.
+inline void orbit(Camera& camera, double yaw, double pitch) {
+  camera.eye = camera.target + steered(camera, camera.eye - camera.target, yaw, pitch);
+}
+
+/// Turns the gaze around the eye.
+inline void look(Camera& camera, double yaw, double pitch) {
+  camera.target = camera.eye + steered(camera, camera.target - camera.eye, yaw, pitch);
+}
+
+/// Moves eye and target together: x to the right, y up, z forward.
+inline void move(Camera& camera, const glm::dvec3& by) {
+  const CameraAxes axes = axes_of(camera);
+  const glm::dvec3 step = axes.right * by.x + axes.up * by.y + axes.forward * by.z;
+  camera.eye += step;
+  camera.target += step;
+}
+
+/// Brings the eye nearer to the target (factor below 1) or farther away.
+inline void zoom(Camera& camera, double factor) {
+  camera.eye = camera.target + (camera.eye - camera.target) * factor;
+}
+
+}  // namespace pgl::viewer

@@ -1,0 +1,29 @@
+// SPDX-License-Identifier: MIT
+// An OpenGL 3.3 core context without a window.
+#pragma once
+
+#include <stdexcept>
+
+namespace pgl::viewer {
+
+/// This machine has nothing to draw with.
+struct NoContext : std::runtime_error {
+  using std::runtime_error::runtime_error;
+};
+
+/// A context for offscreen drawing through EGL: on the first graphics device that gives one, else on Mesa's surfaceless
+/// platform, which draws on the CPU. It has no default framebuffer. Current on the thread that made it.
+class OffscreenContext {
+ public:
+  OffscreenContext();  ///< throws NoContext
+  ~OffscreenContext();
+  OffscreenContext(const OffscreenContext&) = delete;
+  OffscreenContext& operator=(const OffscreenContext&) = delete;
+
+ private:
+  bool open(void* display);
+  void* display_ = nullptr;
+  void* context_ = nullptr;
+};
+
+}  // namespace pgl::viewer

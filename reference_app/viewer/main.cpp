@@ -1,0 +1,295 @@
+// SPDX-License-Identifier: MIT
+// pgl_viewer: a model, a camera and a vertex budget go in; a picture comes out, in a window or in a file.
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <chrono>
+#include <cstdio>
+#include <functional>
+#include <iterator>
+#include <memory>
+#include <new>
+#include <optional>
+#include <span>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <variant>
+#include <vector>
+
+#if defined(_OPENMP)
+#include <omp.h>
+#endif
+
+#include "pgl/host/parallel.hpp"
+#include "scene/build_model.hpp"
+#include "scene/import.hpp"
+#include "scene/plant.hpp"
+#include "viewer/camera.hpp"
+#include "viewer/context.hpp"
+#include "viewer/frame.hpp"
+#include "viewer/host_backend.hpp"
+#include "viewer/options.hpp"
+#include "viewer/output.hpp"
+#include "viewer/renderer.hpp"
+#include "viewer/report.hpp"
+#include "viewer/window.hpp"
+
+namespace pgl::viewer {
+
+namespace {
+
+/// Progress on stderr, for work of more than a second: one line that changes on a terminal, else a line now and then.
+class ProgressLine {
+ public:
+  ~ProgressLine() { clear(); }
+
+  void operator()(std::string_view stage, std::size_t done, std::size_t total) {
+    const double now = std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count();
+    if (now < next_) return;
+    next_ = now + (terminal_ ? 0.2 : 10.0);
+    const auto percent = static_cast<int>(total == 0 ? 0 : 100.0 * static_cast<double>(done) / total);
+    std::fprintf(stderr, "%s%.*s %d %%%s", terminal_ ? "\r\033[K" : "", static_cast<int>(stage.size()), stage.data(),
+                 percent, terminal_ ? "" : "\n");
+    shown_ = true;
+  }
+
+  void clear() {
+    if (shown_ && terminal_) std::fputs("\r\033[K", stderr);
+    shown_ = false;
+  }
+
+ private:
+  std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
+  double next_ = 1.0;
+  bool terminal_ = isatty(STDERR_FILENO) == 1;
+  bool shown_ = false;
+};
+
+/// The model files as one scene.
+scene::Scene import_files(const Options& options, const scene::Progress& progress) {
+  scene::Scene all;
+  for (const std::string& file : options.files) {
+    scene::ImportReport report;
+    scene::Scene part = scene::import_scene(file, options.import, progress, &report);
+    for (const std::string& warning : report.warnings) std::fprintf(stderr, "pgl_viewer: %s\n", warning.c_str());
+    const auto first_mesh = static_cast<std::uint32_t>(all.meshes.size());
+    for (Object& object : part.objects) object.mesh += first_mesh;
+    std::ranges::move(part.meshes, std::back_inserter(all.meshes));
+    std::ranges::move(part.objects, std::back_inserter(all.objects));
+  }
+  return all;
+}
+
+/// Preprocesses the plant, which never exists as a whole before that.
+scene::AnyModel build_plant(const Options& options, const scene::Progress& progress, scene::BuildReport& report) {
+  scene::MeshSource source;
+  source.count = options.plant.objects;
+  source.size = [&](std::size_t i) {
+    const scene::PlantSize size = scene::plant_object_size(options.plant, i);
+    return scene::MeshSize{size.vertices, size.triangles};
+  };
+  source.make = [&](std::size_t i, scene::MeshData& mesh) { scene::plant_object(options.plant, i, mesh); };
+  std::vector<Object> objects(source.count);
+  for (std::size_t i = 0; i < source.count; ++i) objects[i].mesh = static_cast<std::uint32_t>(i);
+  return scene::build_any_model(source, std::move(objects), options.ecol, progress, &report);
+}
+
+/// Where the camera starts: as told, else at the overview that the plant comes with, else with the whole model in view.
+Camera first_camera(const Options& options, const Box& box) {
+  Camera camera;
+  if (options.files.empty()) {
+    const scene::PlantCamera plant = scene::plant_camera(options.plant);
+    camera = {plant.position, plant.target, plant.up, glm::degrees(double{plant.vertical_fov})};
+  }
+  if (options.camera) {
+    return {options.camera->eye, options.camera->target, camera.up, options.camera->fov_degrees.value_or(45.0)};
+  }
+  if (options.files.empty()) return camera;
+  return fit_camera(box, camera.up, 45.0, static_cast<double>(options.width) / options.height);
+}
+
+Box bounds_of(std::span<const Box> boxes) {
+  Box all;
+  for (const Box& box : boxes) {
+    all.min = glm::min(all.min, box.min);
+    all.max = glm::max(all.max, box.max);
+  }
+  return all;
+}
+
+/// The times of one step over all frames, and of all steps, in the order of the work.
+struct Times {
+  std::array<std::vector<double>, 8> steps;
+  static constexpr std::array<const char*, 8> names = {"cull",   "project", "budget", "reform",
+                                                       "gather", "upload",  "draw",   "frame"};
+  void add(const std::array<double, 8>& ms) {
+    for (std::size_t i = 0; i < ms.size(); ++i) steps[i].push_back(ms[i]);
+  }
+};
+
+std::string title_of(std::uint64_t budget, std::size_t triangles, double ms) {
+  char time[32];
+  std::snprintf(time, sizeof time, "%.1f", ms);
+  return "pgl: budget " + grouped(budget) + ", " + grouped(triangles) + " triangles, " + time + " ms";
+}
+
+template <class Index>
+void show(const Options& options, const scene::Model<Index>& model, Window* window, Report& report) {
+  Renderer renderer;
+  int width = options.width, height = options.height;
+  if (window == nullptr) renderer.draw_offscreen(width, height);
+
+  const Box box = bounds_of(model.object_boxes);
+  const double extent = glm::distance(glm::dvec3(box.min), glm::dvec3(box.max));
+  WindowState state;
+  state.budget = options.budget;
+  state.wireframe = options.wireframe;
+  state.camera = first_camera(options, box);
+  if (window != nullptr) {
+    std::puts(controls);
+    window->show(state, extent, std::uint64_t{1} << 32);
+  }
+
+  Frame<HostBackend, Index> frame(model, options.min_triangles);
+  const int last_frame = options.frames > 0 ? options.frames : window == nullptr ? 1 : 0;
+  Times times;
+  View view;
+  for (int done = 0; last_frame == 0 || done < last_frame; ++done) {
+    if (window != nullptr) {
+      if (!window->handle_events(done > 0 && last_frame == 0 && !options.orbit)) break;
+      window->size(width, height);
+      width = std::max(width, 1);  // minimised
+      height = std::max(height, 1);
+    }
+    if (options.orbit && done > 0) orbit(state.camera, glm::radians(1.0), 0.0);
+
+    Stopwatch whole;
+    view = view_of(state.camera, box, width, height);
+    BudgetOptions distribution = options.distribution;
+    distribution.budget = state.budget;
+    const FrameTimes ms = frame.run(view, distribution);
+    Stopwatch watch;
+    renderer.upload(frame.vertices(), frame.triangles());
+    const double upload = watch.lap();
+    renderer.draw(view, state.camera, extent, state.wireframe);
+    const double draw = watch.lap();
+    const double total = whole.lap();
+    times.add({ms.cull, ms.project, ms.budget, ms.reform, ms.gather, upload, draw, total});
+
+    if (window != nullptr) {
+      if (std::exchange(state.take_picture, false)) {
+        const std::string path = options.output.empty() ? "pgl.png" : options.output;
+        const PendingFile file{"P", path, encode_png(renderer.read(width, height))};
+        write_files({&file, 1});
+      }
+      window->present();
+      window->set_title(title_of(state.budget, frame.triangles().size(), total));
+    }
+  }
+
+  report.budget = state.budget;
+  report.drawn_objects = frame.objects_drawn();
+  report.drawn_vertices = frame.vertices().size();
+  report.drawn_triangles = frame.triangles().size();
+  report.culled_frustum = model.objects.size() - frame.objects_in_view();
+  report.frames = static_cast<int>(times.steps[0].size());
+  for (std::size_t i = 0; i < times.steps.size(); ++i) report.ms.emplace_back(Times::names[i], median(times.steps[i]));
+  report.width = width;
+  report.height = height;
+  report.samples = renderer.samples();
+  report.camera = state.camera;
+  report.gl_vendor = renderer.vendor();
+  report.gl_renderer = renderer.renderer();
+  report.gl_version = renderer.version();
+
+  std::vector<PendingFile> files;
+  if (!options.output.empty()) {
+    if (window != nullptr && report.frames > 0) renderer.draw(view, state.camera, extent, state.wireframe);
+    files.push_back({"--output", options.output, encode_png(renderer.read(width, height))});
+  }
+  if (!options.stats.empty()) {
+    report.drawn_checksum = fnv1a(std::as_bytes(frame.triangles()), fnv1a(std::as_bytes(frame.vertices())));
+    files.push_back({"--stats", options.stats, to_json(report)});
+  }
+  write_files(files);
+}
+
+void run(const Options& options) {
+#if defined(_OPENMP)
+  if (options.threads > 0) omp_set_num_threads(options.threads);
+#endif
+  Report report;
+  report.threads = host::thread_count();
+  ProgressLine line;
+  const scene::Progress progress = std::ref(line);
+
+  Stopwatch watch;
+  scene::Scene imported = import_files(options, progress);
+  report.ms.emplace_back("import", watch.lap());
+
+  // Before the long work, so that it is not for nothing; after the import, which forks.
+  std::unique_ptr<Window> window;
+  std::unique_ptr<OffscreenContext> offscreen;
+  if (!options.headless && Window::available()) {
+    window = std::make_unique<Window>(options.width, options.height);
+  } else {
+    offscreen = std::make_unique<OffscreenContext>();
+  }
+
+  watch.lap();
+  scene::BuildReport built;
+  const scene::AnyModel any_model = options.files.empty()
+                                        ? build_plant(options, progress, built)
+                                        : scene::build_any_model(std::move(imported), options.ecol, progress, &built);
+  report.ms.emplace_back("preprocess", watch.lap());
+  report.open_vertices = built.open_vertices;
+  line.clear();
+
+  std::visit(
+      [&](const auto& model) {
+        report.objects = model.objects.size();
+        report.meshes = model.meshes.size();
+        for (const Object& object : model.objects) {
+          const Mesh& mesh = model.meshes[object.mesh];
+          report.model_vertices += mesh.max_vertices;
+          report.model_triangles += triangles_at(mesh, model.map.data(), mesh.max_vertices);
+        }
+        show(options, model, window.get(), report);
+      },
+      any_model);
+  std::fputs(to_table(report).c_str(), stdout);
+}
+
+int fail(std::string message, int code) {
+  std::ranges::replace(message, '\n', ' ');
+  std::fprintf(stderr, "pgl_viewer: %s\n", message.c_str());
+  return code;
+}
+
+}  // namespace
+
+}  // namespace pgl::viewer
+
+/// Exit codes: 0 done, 1 failed, 2 impossible options, 3 nothing to draw with on this machine.
+int main(int argc, char** argv) {
+  using namespace pgl::viewer;
+  std::optional<Options> options;
+  try {
+    options = parse_options(argc, argv);
+  } catch (const std::exception& error) {
+    return fail(error.what(), 2);
+  }
+  if (!options) return 0;
+  try {
+    run(*options);
+    return 0;
+  } catch (const NoContext& error) {
+    return fail(error.what(), 3);
+  } catch (const std::bad_alloc&) {
+    return fail("not enough memory", 1);
+  } catch (const std::exception& error) {
+    return fail(error.what(), 1);
+  }
+}

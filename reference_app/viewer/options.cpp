@@ -1,0 +1,214 @@
+// SPDX-License-Identifier: MIT
+// What the command line of pgl_viewer asks for.
+#include "viewer/options.hpp"
+
+#include <CLI/CLI.hpp>
+
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <filesystem>
+#include <functional>
+#include <limits>
+#include <stdexcept>
+#include <string_view>
+#include <utility>
+
+#include "viewer/output.hpp"
+#include "viewer/report.hpp"
+
+namespace pgl::viewer {
+
+namespace {
+
+/// The whole text as a number in [low, high]; decimal, finite, nothing around it.
+template <class T>
+std::optional<T> number(std::string_view text, T low, T high) {
+  T value{};
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+  if (error != std::errc{} || end != text.data() + text.size() || !(value >= low && value <= high)) return {};
+  return value;
+}
+
+std::vector<std::string_view> cut(std::string_view text, char separator) {
+  std::vector<std::string_view> parts;
+  for (std::size_t at = 0; at <= text.size();) {
+    const std::size_t end = std::min(text.find(separator, at), text.size());
+    parts.push_back(text.substr(at, end - at));
+    at = end + 1;
+  }
+  return parts;
+}
+
+[[noreturn]] void refuse(const std::string& option, const std::string& why) {
+  throw std::runtime_error(option + ": " + why);
+}
+
+class Parser {
+ public:
+  template <class T>
+  CLI::Option* add_number(const std::string& name, T& value, T low, T high, const std::string& help) {
+    return add(name, help, [=, &value](const std::string& text) {
+      const auto given = number<T>(text, low, high);
+      if (!given) refuse(name, "needs a number from " + shown(low) + " to " + shown(high) + ", not '" + text + "'");
+      value = *given;
+    });
+  }
+
+  template <class T>
+  void add_choice(const std::string& name, T& value, std::vector<std::pair<std::string, T>> choices,
+                  const std::string& help) {
+    std::string names;
+    for (const auto& choice : choices) names += (names.empty() ? "" : "|") + choice.first;
+    add(name, help, [=, &value](const std::string& text) {
+      for (const auto& [known, meaning] : choices) {
+        if (text == known) {
+          value = meaning;
+          return;
+        }
+      }
+      refuse(name, "needs " + names + ", not '" + text + "'");
+    })->type_name(names);
+  }
+
+  CLI::Option* add(const std::string& name, const std::string& help, std::function<void(const std::string&)> read) {
+    return app.add_option_function<std::string>(name, read, help)->type_name("");
+  }
+
+  CLI::App app{"Draws a model inside a vertex budget: in a window, or into a picture where there is no display.",
+               "pgl_viewer"};
+
+ private:
+  template <class T>
+  static std::string shown(T value) {
+    char text[32];
+    const auto end = std::to_chars(text, text + sizeof text, value).ptr;
+    return {text, end};
+  }
+};
+
+}  // namespace
+
+std::optional<Options> parse_options(int argc, const char* const* argv) {
+  Options options;
+  Parser parser;
+  CLI::App& app = parser.app;
+  app.set_version_flag("--version", "pgl_viewer " + pgl_version());
+
+  app.add_option("files", options.files, "Models: OBJ, PLY, STL, glTF, GLB; none: a made-up plant")->type_name("");
+  CLI::Option* objects = parser.add_number("--objects", options.plant.objects, std::size_t{1}, std::size_t{718'000},
+                                           "Objects of the plant [2000]");
+  CLI::Option* seed = parser.add_number("--seed", options.plant.seed, std::uint64_t{0},
+                                        std::numeric_limits<std::uint64_t>::max(), "Seed of the plant [1]");
+  CLI::Option* split = app.add_flag("--split", options.import.split, "Every connected part becomes an object");
+  CLI::Option* flatten = app.add_flag("--flatten", options.import.flatten, "No shared meshes: one per object");
+  CLI::Option* weld = app.add_flag("--weld,!--no-weld", options.import.weld, "Merge identical vertices [on]");
+  bool refuse_non_finite = false;
+  CLI::Option* strict = app.add_flag("--refuse-non-finite", refuse_non_finite,
+                                     "Refuse a file with NaN or infinite vertices instead of dropping their objects");
+
+  parser.add_choice<CostMetric>(
+      "--metric", options.ecol.metric,
+      {{"quadric", CostMetric::quadric}, {"melax", CostMetric::melax}, {"edge-length", CostMetric::edge_length}},
+      "What a collapse costs [quadric]");
+  parser.add_choice<BoundaryRule>("--boundary", options.ecol.boundary,
+                                  {{"locked", BoundaryRule::locked}, {"slide", BoundaryRule::slide}},
+                                  "What vertices on open edges do [locked]");
+
+  parser
+      .add("--budget", "Vertices to draw, 0 to 2^32, or all [1000000]",
+           [&](const std::string& text) {
+             constexpr std::uint64_t most = std::uint64_t{1} << 32;
+             const auto given = text == "all" ? most : number<std::uint64_t>(text, 0, most);
+             if (!given) refuse("--budget", "needs a number from 0 to 4294967296, or all, not '" + text + "'");
+             options.budget = *given;
+           })
+      ->type_name("");
+  parser.add_number("--alpha", options.distribution.alpha, std::nextafter(1.0f, 2.0f), 64.0f,
+                    "Above 1 to 64: small favours area on the screen, large detailed objects [3]");
+  parser.add_number("--pet", options.distribution.pet, 0.0f, std::numeric_limits<float>::max(),
+                    "Objects of fewer square pixels are not drawn [1]");
+  parser.add_number("--min-triangles", options.min_triangles, 0u, std::numeric_limits<std::uint32_t>::max(),
+                    "A drawn object keeps at least so many triangles [0]");
+  parser.add_choice<BudgetPolicy>("--policy", options.distribution.policy,
+                                  {{"exact", BudgetPolicy::exact}, {"paper", BudgetPolicy::paper}},
+                                  "How the budget is met [exact]");
+  parser.add_choice<int>("--backend", options.backend, {{"host", 0}}, "What prepares the frames [host]");
+  parser.add_number("--threads", options.threads, 1, 1024, "Threads of the host [all]");
+
+  parser.add("--camera", "ex,ey,ez,tx,ty,tz[,fov]: eye, target, vertical field of view in degrees [whole model]",
+             [&](const std::string& text) {
+               constexpr double most = 1e30;
+               std::vector<double> numbers;
+               for (const std::string_view part : cut(text, ',')) {
+                 const auto given = number<double>(part, -most, most);
+                 if (!given) refuse("--camera", "'" + std::string(part) + "' is not a number from -1e30 to 1e30");
+                 numbers.push_back(*given);
+               }
+               if (numbers.size() != 6 && numbers.size() != 7) {
+                 refuse("--camera", "needs 6 or 7 numbers, not " + std::to_string(numbers.size()));
+               }
+               CameraOption camera;
+               camera.eye = {numbers[0], numbers[1], numbers[2]};
+               camera.target = {numbers[3], numbers[4], numbers[5]};
+               if (!(glm::distance(camera.eye, camera.target) > 0.0)) refuse("--camera", "eye and target coincide");
+               if (numbers.size() == 7) {
+                 if (!(numbers[6] >= 1.0 && numbers[6] <= 170.0)) {
+                   refuse("--camera", "the field of view must be from 1 to 170 degrees");
+                 }
+                 camera.fov_degrees = numbers[6];
+               }
+               options.camera = camera;
+             });
+  parser.add("--size", "WxH, pixels, 1 to 16384 each [1280x720]", [&](const std::string& text) {
+    const auto parts = cut(text, 'x');
+    const auto width = number<int>(parts[0], 1, 16384);
+    const auto height = number<int>(parts.back(), 1, 16384);
+    if (parts.size() != 2 || !width || !height) {
+      refuse("--size", "needs WIDTHxHEIGHT, each from 1 to 16384, not '" + text + "'");
+    }
+    options.width = *width;
+    options.height = *height;
+  });
+  app.add_flag("--wireframe", options.wireframe, "Draw the edges of the triangles");
+  app.add_flag("--orbit", options.orbit, "Turn the camera around the model by a degree a frame");
+  app.add_flag("--headless", options.headless, "No window, even where there is a display");
+  parser.add_number("--frames", options.frames, 1, 1'000'000, "Frames before it ends [1 headless, no end in a window]");
+  app.add_option("--output", options.output, "Write the last frame as a PNG")->type_name("FILE.png");
+  app.add_option("--stats", options.stats, "Write what was measured as JSON")->type_name("FILE.json");
+
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::Success& asked) {  // help, version
+    app.exit(asked);
+    return {};
+  } catch (const CLI::ParseError& error) {
+    throw std::runtime_error(error.what());
+  }
+
+  if (options.files.empty()) {
+    for (const CLI::Option* option : {split, flatten, weld, strict}) {
+      if (option->count() > 0) refuse(option->get_name(), "is for model files, and none is given");
+    }
+  } else {
+    for (const CLI::Option* option : {objects, seed}) {
+      if (option->count() > 0) refuse(option->get_name(), "is for the plant, and model files are given");
+    }
+  }
+  if (refuse_non_finite) options.import.non_finite = scene::NonFinite::refuse_file;
+  if (!options.output.empty()) {
+    if (!options.output.ends_with(".png")) refuse("--output", "'" + options.output + "' does not end in .png");
+    check_writable("--output", options.output);
+  }
+  if (!options.stats.empty()) {
+    check_writable("--stats", options.stats);
+    std::error_code error;
+    if (!options.output.empty() && std::filesystem::weakly_canonical(options.output, error) ==
+                                       std::filesystem::weakly_canonical(options.stats, error)) {
+      refuse("--stats", "'" + options.stats + "' is --output's file");
+    }
+  }
+  return options;
+}
+
+}  // namespace pgl::viewer

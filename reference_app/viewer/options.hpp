@@ -1,0 +1,52 @@
+// SPDX-License-Identifier: MIT
+// What the command line of pgl_viewer asks for.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "pgl/build_ecol.hpp"
+#include "pgl/distribute_budget.hpp"
+#include "scene/import.hpp"
+#include "scene/plant.hpp"
+#include "viewer/camera.hpp"
+
+namespace pgl::viewer {
+
+/// A camera as typed: the up axis comes from the scene.
+struct CameraOption {
+  glm::dvec3 eye{}, target{};
+  std::optional<double> fov_degrees;
+};
+
+struct Options {
+  std::vector<std::string> files;  ///< none: the procedural plant
+  scene::PlantOptions plant{.objects = 2000};
+  scene::ImportOptions import;
+  EcolOptions ecol;
+
+  std::uint64_t budget = 1'000'000;  ///< vertices, 0..2^32
+  std::uint32_t min_triangles = 0;   ///< a drawn object keeps at least so many
+  BudgetOptions distribution;        ///< its budget, near_depth and viewport_area are set for each frame
+  int backend = 0;                   ///< 0: host
+
+  std::optional<CameraOption> camera;  ///< none: the whole model
+  int width = 1280, height = 720;      ///< pixels, 1..16384
+  bool wireframe = false;
+  bool orbit = false;     ///< the camera turns by one degree a frame
+  bool headless = false;  ///< draw offscreen even where there is a display
+  int frames = 0;         ///< then stop; 0: one offscreen, no end in a window
+
+  std::string output;  ///< PNG of the last frame
+  std::string stats;   ///< JSON
+  int threads = 0;     ///< 0: all
+};
+
+/// Reads the command line. Prints help or version and returns nothing when they were asked for.
+/// Throws std::runtime_error with one line that names the option.
+std::optional<Options> parse_options(int argc, const char* const* argv);
+
+}  // namespace pgl::viewer

@@ -1,0 +1,310 @@
+// SPDX-License-Identifier: MIT
+// Draws a frame with OpenGL 3.3.
+#include "viewer/renderer.hpp"
+
+#include <epoxy/gl.h>
+
+#include <algorithm>
+#include <array>
+#include <cstddef>
+#include <limits>
+#include <stdexcept>
+
+#include <glm/gtc/type_ptr.hpp>
+
+namespace pgl::viewer {
+
+namespace {
+
+constexpr const char* vertex_shader = R"(
+layout(location = 0) in vec3 position;
+layout(location = 1) in uint object;
+uniform mat4 clip_from_world;
+uniform vec3 eye;
+out Surface {
+  vec3 from_eye;
+  flat uint object;
+} surface;
+void main() {
+  surface.from_eye = position - eye;
+  surface.object = object;
+  gl_Position = clip_from_world * vec4(position, 1.0);
+}
+)";
+
+// Only for the wireframe: tells the fragments where in their triangle they are.
+constexpr const char* geometry_shader = R"(
+layout(triangles) in;
+layout(triangle_strip, max_vertices = 3) out;
+in Surface {
+  vec3 from_eye;
+  flat uint object;
+} corner[];
+out Surface {
+  vec3 from_eye;
+  flat uint object;
+} surface;
+out vec3 barycentric;
+void main() {
+  for (int i = 0; i < 3; ++i) {
+    surface.from_eye = corner[i].from_eye;
+    surface.object = corner[i].object;
+    barycentric = vec3(i == 0, i == 1, i == 2);
+    gl_Position = gl_in[i].gl_Position;
+    EmitVertex();
+  }
+  EndPrimitive();
+}
+)";
+
+constexpr const char* fragment_shader = R"(
+in Surface {
+  vec3 from_eye;
+  flat uint object;
+} surface;
+#ifdef WIREFRAME
+in vec3 barycentric;
+#endif
+uniform vec3 up;
+uniform vec3 key;   // towards the key light
+uniform vec4 haze;  // its colour, and how much of it a unit of distance adds
+out vec4 color;
+
+// Muted paints, in display values.
+const vec3 palette[12] = vec3[12](
+  vec3(0.29, 0.45, 0.58), vec3(0.78, 0.55, 0.38), vec3(0.47, 0.60, 0.47), vec3(0.72, 0.42, 0.38),
+  vec3(0.83, 0.72, 0.48), vec3(0.40, 0.55, 0.60), vec3(0.62, 0.50, 0.60), vec3(0.66, 0.68, 0.70),
+  vec3(0.55, 0.62, 0.40), vec3(0.36, 0.40, 0.50), vec3(0.80, 0.62, 0.56), vec3(0.58, 0.70, 0.74));
+
+uint mixed(uint x) {  // Wellons' lowbias32
+  x ^= x >> 16; x *= 0x7feb352du;
+  x ^= x >> 15; x *= 0x846ca68bu;
+  return x ^ (x >> 16);
+}
+
+void main() {
+  uint h = mixed(surface.object + 1u);
+  vec3 paint = palette[h % 12u] * (0.9 + 0.2 * float((h >> 8) & 255u) / 255.0);
+  vec3 albedo = pow(paint, vec3(2.2));
+
+  // The face's normal, on the side that is seen; a face seen edge-on has none and takes the direction to the eye.
+  vec3 n = cross(dFdx(surface.from_eye), dFdy(surface.from_eye));
+  float size = length(n);
+  vec3 to_eye = -normalize(surface.from_eye);
+  n = size > 0.0 ? n / size : to_eye;
+
+  vec3 sky = mix(vec3(0.30, 0.27, 0.25), vec3(0.62, 0.70, 0.80), 0.5 + 0.5 * dot(n, up));
+  vec3 light = sky + vec3(1.05, 1.0, 0.92) * max(dot(n, key), 0.0);
+  float gloss = pow(max(dot(n, normalize(key + to_eye)), 0.0), 40.0);
+  vec3 lit = albedo * light + 0.06 * gloss;
+  lit = mix(lit, haze.rgb, 1.0 - exp(-haze.a * length(surface.from_eye)));
+#ifdef WIREFRAME
+  vec3 pixels = barycentric / max(fwidth(barycentric), vec3(1e-6));
+  float line = 1.0 - smoothstep(0.4, 1.3, min(min(pixels.x, pixels.y), pixels.z));
+  lit = mix(mix(lit, vec3(0.9), 0.35), vec3(0.015, 0.02, 0.03), 0.85 * line);
+#endif
+  color = vec4(pow(lit, vec3(1.0 / 2.2)), 1.0);
+}
+)";
+
+const glm::vec3 background(0.87f, 0.905f, 0.935f);  // display values
+
+const char* error_name(GLenum error) {
+  switch (error) {
+    case GL_INVALID_ENUM:
+      return "invalid enum";
+    case GL_INVALID_VALUE:
+      return "invalid value";
+    case GL_INVALID_OPERATION:
+      return "invalid operation";
+    case GL_INVALID_FRAMEBUFFER_OPERATION:
+      return "invalid framebuffer operation";
+    case GL_OUT_OF_MEMORY:
+      return "out of memory";
+    default:
+      return "unknown error";
+  }
+}
+
+void check(const std::string& doing) {
+  const GLenum error = glGetError();
+  if (error != GL_NO_ERROR) throw std::runtime_error("OpenGL: " + std::string(error_name(error)) + " while " + doing);
+}
+
+GLuint compile(GLenum stage, const char* text, bool wireframe) {
+  const GLuint shader = glCreateShader(stage);
+  const std::array<const char*, 3> parts = {"#version 330 core\n", wireframe ? "#define WIREFRAME\n" : "", text};
+  glShaderSource(shader, static_cast<GLsizei>(parts.size()), parts.data(), nullptr);
+  glCompileShader(shader);
+  GLint good = GL_FALSE;
+  glGetShaderiv(shader, GL_COMPILE_STATUS, &good);
+  if (good != GL_TRUE) {
+    std::array<char, 512> log{};
+    glGetShaderInfoLog(shader, static_cast<GLsizei>(log.size()), nullptr, log.data());
+    throw std::runtime_error(std::string("OpenGL: the driver refuses a shader: ") + log.data());
+  }
+  return shader;
+}
+
+std::string text_of(GLenum name) {
+  const GLubyte* text = glGetString(name);
+  return text != nullptr ? reinterpret_cast<const char*>(text) : "";
+}
+
+void fill_buffer(GLenum target, std::size_t bytes, const void* data, const char* what) {
+  glBufferData(target, static_cast<GLsizeiptr>(bytes), data, GL_STREAM_DRAW);
+  if (glGetError() != GL_NO_ERROR) {
+    throw std::runtime_error(std::string("OpenGL: the driver refuses the ") + what + " buffer of " +
+                             std::to_string(bytes >> 20) + " MiB: lower --budget");
+  }
+}
+
+}  // namespace
+
+Renderer::Program Renderer::build(bool wireframe) {
+  const GLuint program = glCreateProgram();
+  auto add = [&](GLenum stage, const char* text) {
+    const GLuint shader = compile(stage, text, wireframe);
+    glAttachShader(program, shader);
+    glDeleteShader(shader);  // freed with the program
+  };
+  add(GL_VERTEX_SHADER, vertex_shader);
+  if (wireframe) add(GL_GEOMETRY_SHADER, geometry_shader);
+  add(GL_FRAGMENT_SHADER, fragment_shader);
+  glLinkProgram(program);
+  GLint good = GL_FALSE;
+  glGetProgramiv(program, GL_LINK_STATUS, &good);
+  if (good != GL_TRUE) {
+    std::array<char, 512> log{};
+    glGetProgramInfoLog(program, static_cast<GLsizei>(log.size()), nullptr, log.data());
+    throw std::runtime_error(std::string("OpenGL: the driver refuses the shaders: ") + log.data());
+  }
+  return {program,
+          glGetUniformLocation(program, "clip_from_world"),
+          glGetUniformLocation(program, "eye"),
+          glGetUniformLocation(program, "up"),
+          glGetUniformLocation(program, "key"),
+          glGetUniformLocation(program, "haze")};
+}
+
+Renderer::Renderer() : vendor_(text_of(GL_VENDOR)), renderer_(text_of(GL_RENDERER)), version_(text_of(GL_VERSION)) {
+  shaded_ = build(false);
+  glGenVertexArrays(1, &vertex_array_);
+  glGenBuffers(1, &vertex_buffer_);
+  glGenBuffers(1, &index_buffer_);
+  glBindVertexArray(vertex_array_);
+  glBindBuffer(GL_ARRAY_BUFFER, vertex_buffer_);
+  glBindBuffer(GL_ELEMENT_ARRAY_BUFFER, index_buffer_);
+  glEnableVertexAttribArray(0);
+  glEnableVertexAttribArray(1);
+  constexpr GLsizei stride = sizeof(PlacedVertex);
+  glVertexAttribPointer(0, 3, GL_FLOAT, GL_FALSE, stride, nullptr);
+  glVertexAttribIPointer(1, 1, GL_UNSIGNED_INT, stride, reinterpret_cast<void*>(offsetof(PlacedVertex, object)));
+  glEnable(GL_DEPTH_TEST);
+  check("setting up");
+}
+
+Renderer::~Renderer() {
+  free_offscreen();
+  glDeleteBuffers(1, &vertex_buffer_);
+  glDeleteBuffers(1, &index_buffer_);
+  glDeleteVertexArrays(1, &vertex_array_);
+  glDeleteProgram(shaded_.name);
+  glDeleteProgram(wire_.name);
+}
+
+void Renderer::free_offscreen() {
+  glDeleteFramebuffers(1, &draw_framebuffer_);
+  glDeleteFramebuffers(1, &read_framebuffer_);
+  glDeleteRenderbuffers(1, &draw_color_);
+  glDeleteRenderbuffers(1, &draw_depth_);
+  glDeleteRenderbuffers(1, &read_color_);
+  draw_framebuffer_ = read_framebuffer_ = draw_color_ = draw_depth_ = read_color_ = 0;
+}
+
+void Renderer::draw_offscreen(int width, int height) {
+  free_offscreen();
+  const std::string size = std::to_string(width) + "x" + std::to_string(height);
+  GLint largest = 0;
+  glGetIntegerv(GL_MAX_RENDERBUFFER_SIZE, &largest);
+  if (width > largest || height > largest) {
+    throw std::runtime_error("--size: " + size + " is larger than this driver's " + std::to_string(largest) + "x" +
+                             std::to_string(largest));
+  }
+  GLint most_samples = 0;
+  glGetIntegerv(GL_MAX_SAMPLES, &most_samples);
+  samples_ = static_cast<long>(width) * height > 32'000'000 ? 0 : std::min(4, most_samples);
+
+  auto make = [&](GLuint& framebuffer, int samples, GLuint& color, GLuint* depth) {
+    glGenFramebuffers(1, &framebuffer);
+    glBindFramebuffer(GL_FRAMEBUFFER, framebuffer);
+    auto attach = [&](GLuint& buffer, GLenum format, GLenum attachment) {
+      glGenRenderbuffers(1, &buffer);
+      glBindRenderbuffer(GL_RENDERBUFFER, buffer);
+      glRenderbufferStorageMultisample(GL_RENDERBUFFER, samples, format, width, height);
+      glFramebufferRenderbuffer(GL_FRAMEBUFFER, attachment, GL_RENDERBUFFER, buffer);
+    };
+    attach(color, GL_RGBA8, GL_COLOR_ATTACHMENT0);
+    if (depth != nullptr) attach(*depth, GL_DEPTH_COMPONENT32F, GL_DEPTH_ATTACHMENT);
+    check("making a picture of " + size);
+    if (glCheckFramebufferStatus(GL_FRAMEBUFFER) != GL_FRAMEBUFFER_COMPLETE) {
+      throw std::runtime_error("--size: the driver cannot draw a picture of " + size);
+    }
+  };
+  make(read_framebuffer_, 0, read_color_, nullptr);
+  make(draw_framebuffer_, samples_, draw_color_, &draw_depth_);
+}
+
+void Renderer::upload(std::span<const PlacedVertex> vertices, std::span<const Triangle<std::uint32_t>> triangles) {
+  if (triangles.size() > std::numeric_limits<GLsizei>::max() / 3) {
+    throw std::runtime_error("OpenGL: one draw call cannot draw " + std::to_string(triangles.size()) +
+                             " triangles: lower --budget");
+  }
+  triangles_ = triangles.size();
+  fill_buffer(GL_ARRAY_BUFFER, vertices.size_bytes(), vertices.data(), "vertex");
+  fill_buffer(GL_ELEMENT_ARRAY_BUFFER, triangles.size_bytes(), triangles.data(), "index");
+}
+
+void Renderer::draw(const View& view, const Camera& camera, double extent, bool wireframe) {
+  if (wireframe && wire_.name == 0) wire_ = build(true);
+  const Program& program = wireframe ? wire_ : shaded_;
+  const CameraAxes axes = axes_of(camera);
+  const glm::vec3 key = glm::normalize(0.75 * camera.up - 0.5 * axes.right - 0.55 * axes.forward);
+  const glm::vec3 eye(camera.eye), up(camera.up), haze = glm::pow(background, glm::vec3(2.2f));
+
+  glBindFramebuffer(GL_FRAMEBUFFER, draw_framebuffer_);
+  glViewport(0, 0, static_cast<GLsizei>(view.width), static_cast<GLsizei>(view.height));
+  glClearColor(background.x, background.y, background.z, 1.0f);
+  glClear(GL_COLOR_BUFFER_BIT | GL_DEPTH_BUFFER_BIT);
+  glUseProgram(program.name);
+  glUniformMatrix4fv(program.clip_from_world, 1, GL_FALSE, glm::value_ptr(view.clip_from_world));
+  glUniform3fv(program.eye, 1, glm::value_ptr(eye));
+  glUniform3fv(program.up, 1, glm::value_ptr(up));
+  glUniform3fv(program.key, 1, glm::value_ptr(key));
+  glUniform4f(program.haze, haze.x, haze.y, haze.z, static_cast<float>(0.25 / extent));
+  glDrawElements(GL_TRIANGLES, static_cast<GLsizei>(triangles_ * 3), GL_UNSIGNED_INT, nullptr);
+  glFinish();
+  check("drawing");
+}
+
+Image Renderer::read(int width, int height) {
+  if (draw_framebuffer_ != 0) {
+    glBindFramebuffer(GL_READ_FRAMEBUFFER, draw_framebuffer_);
+    glBindFramebuffer(GL_DRAW_FRAMEBUFFER, read_framebuffer_);
+    glBlitFramebuffer(0, 0, width, height, 0, 0, width, height, GL_COLOR_BUFFER_BIT, GL_NEAREST);
+  }
+  glBindFramebuffer(GL_FRAMEBUFFER, read_framebuffer_);
+  Image image{width, height, {}};
+  const std::size_t row = static_cast<std::size_t>(width) * 3;
+  image.rgb.resize(row * static_cast<std::size_t>(height));
+  glPixelStorei(GL_PACK_ALIGNMENT, 1);
+  glReadPixels(0, 0, width, height, GL_RGB, GL_UNSIGNED_BYTE, image.rgb.data());
+  check("reading the picture");
+  for (int y = 0; y < height / 2; ++y) {  // OpenGL's bottom row is first
+    std::uint8_t* top = image.rgb.data() + row * static_cast<std::size_t>(y);
+    std::swap_ranges(top, top + row, image.rgb.data() + row * static_cast<std::size_t>(height - 1 - y));
+  }
+  return image;
+}
+
+}  // namespace pgl::viewer

@@ -1,0 +1,61 @@
+// SPDX-License-Identifier: MIT
+// Draws a frame with OpenGL 3.3: one vertex buffer, one index buffer, one draw call.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <string>
+
+#include "pgl/gather.hpp"
+#include "pgl/types.hpp"
+#include "viewer/camera.hpp"
+#include "viewer/output.hpp"
+
+namespace pgl::viewer {
+
+/// Needs a current OpenGL context from its construction to its destruction. Every function throws std::runtime_error
+/// when OpenGL reports an error.
+class Renderer {
+ public:
+  Renderer();
+  ~Renderer();
+  Renderer(const Renderer&) = delete;
+  Renderer& operator=(const Renderer&) = delete;
+
+  /// Makes a picture of that size to draw into, with 4 samples a pixel where the driver and memory (32 megapixels)
+  /// allow. Without it, draw() goes to the window.
+  void draw_offscreen(int width, int height);
+
+  /// Replaces what draw() draws. The indices count in `vertices`.
+  void upload(std::span<const PlacedVertex> vertices, std::span<const Triangle<std::uint32_t>> triangles);
+
+  /// Draws the uploaded triangles on a background and waits until the picture is there.
+  /// The haze takes its distance from `extent`, the size of the model.
+  void draw(const View& view, const Camera& camera, double extent, bool wireframe);
+
+  /// The last picture: of draw_offscreen's size, or of the window's back buffer of this size.
+  Image read(int width, int height);
+
+  const std::string& vendor() const { return vendor_; }
+  const std::string& renderer() const { return renderer_; }
+  const std::string& version() const { return version_; }
+  int samples() const { return samples_; }
+
+ private:
+  struct Program {
+    unsigned name = 0;
+    int clip_from_world = -1, eye = -1, up = -1, key = -1, haze = -1;
+  };
+  static Program build(bool wireframe);
+  void free_offscreen();
+
+  Program shaded_, wire_;
+  unsigned vertex_array_ = 0, vertex_buffer_ = 0, index_buffer_ = 0;
+  unsigned draw_framebuffer_ = 0, read_framebuffer_ = 0;
+  unsigned draw_color_ = 0, draw_depth_ = 0, read_color_ = 0;
+  int samples_ = 0;
+  std::size_t triangles_ = 0;
+  std::string vendor_, renderer_, version_;
+};
+
+}  // namespace pgl::viewer

@@ -1,0 +1,91 @@
+// SPDX-License-Identifier: MIT
+// What a run measured.
+#include "viewer/report.hpp"
+
+#include <algorithm>
+#include <cstdio>
+#include <nlohmann/json.hpp>
+
+#include "pgl/config.hpp"
+
+namespace pgl::viewer {
+
+std::string pgl_version() {
+  return std::to_string(PGL_VERSION_MAJOR) + "." + std::to_string(PGL_VERSION_MINOR) + "." +
+         std::to_string(PGL_VERSION_PATCH);
+}
+
+std::string to_json(const Report& report) {
+  using Json = nlohmann::ordered_json;
+  auto vector = [](const glm::dvec3& v) { return Json::array({v.x, v.y, v.z}); };
+  Json ms = Json::object();
+  for (const auto& [step, time] : report.ms) ms[step] = time;
+  char checksum[17];
+  std::snprintf(checksum, sizeof checksum, "%016llx", static_cast<unsigned long long>(report.drawn_checksum));
+  const Json json = {{"pgl", pgl_version()},
+                     {"objects", report.objects},
+                     {"model",
+                      {{"vertices", report.model_vertices},
+                       {"triangles", report.model_triangles},
+                       {"meshes", report.meshes},
+                       {"open_vertices", report.open_vertices}}},
+                     {"budget", report.budget},
+                     {"drawn",
+                      {{"objects", report.drawn_objects},
+                       {"vertices", report.drawn_vertices},
+                       {"triangles", report.drawn_triangles},
+                       {"checksum", checksum}}},
+                     {"culled", {{"frustum", report.culled_frustum}}},
+                     {"ms", ms},
+                     {"frames", report.frames},
+                     {"threads", report.threads},
+                     {"size", {report.width, report.height}},
+                     {"camera",
+                      {{"eye", vector(report.camera.eye)},
+                       {"target", vector(report.camera.target)},
+                       {"up", vector(report.camera.up)},
+                       {"fov", report.camera.fov_degrees}}},
+                     {"gl",
+                      {{"vendor", report.gl_vendor},
+                       {"renderer", report.gl_renderer},
+                       {"version", report.gl_version},
+                       {"samples", report.samples}}}};
+  return json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
+}
+
+std::string grouped(std::uint64_t number) {
+  std::string text = std::to_string(number);
+  for (std::ptrdiff_t i = std::ssize(text) - 3; i > 0; i -= 3) text.insert(static_cast<std::size_t>(i), 1, ',');
+  return text;
+}
+
+std::string to_table(const Report& report) {
+  std::string table;
+  auto line = [&](const std::string& name, const std::string& value) {
+    char row[96];
+    std::snprintf(row, sizeof row, "%-24s %14s\n", name.c_str(), value.c_str());
+    table += row;
+  };
+  line("objects", grouped(report.objects));
+  line("triangles in the model", grouped(report.model_triangles));
+  line("vertices in the model", grouped(report.model_vertices));
+  line("budget, vertices", grouped(report.budget));
+  line("vertices drawn", grouped(report.drawn_vertices));
+  line("triangles drawn", grouped(report.drawn_triangles));
+  line("objects drawn", grouped(report.drawn_objects));
+  for (const auto& [step, time] : report.ms) {
+    char value[32];
+    std::snprintf(value, sizeof value, "%.2f", time);
+    line("ms " + step, value);
+  }
+  return table;
+}
+
+double median(std::vector<double>& values) {
+  if (values.empty()) return 0.0;
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+}  // namespace pgl::viewer

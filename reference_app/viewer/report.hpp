@@ -1,0 +1,47 @@
+// SPDX-License-Identifier: MIT
+// What a run measured, as JSON for programs and as a table for people.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "viewer/camera.hpp"
+
+namespace pgl::viewer {
+
+struct Report {
+  std::uint64_t objects = 0;
+  std::uint64_t meshes = 0;
+  std::uint64_t model_vertices = 0;  ///< every object counted, shared meshes as often as they are placed
+  std::uint64_t model_triangles = 0;
+  std::uint64_t open_vertices = 0;  ///< on open edges, each mesh counted once
+  std::uint64_t budget = 0;
+  std::uint64_t drawn_objects = 0, drawn_vertices = 0, drawn_triangles = 0;
+  std::uint64_t drawn_checksum = 0;
+  std::uint64_t culled_frustum = 0;
+  std::vector<std::pair<std::string, double>> ms;  ///< per step, in the order of the work
+  int width = 0, height = 0, samples = 0, frames = 0;
+  std::size_t threads = 0;
+  Camera camera;
+  std::string gl_vendor, gl_renderer, gl_version;
+};
+
+/// The version of pgl, as "1.2.3".
+std::string pgl_version();
+
+/// The statistics file.
+std::string to_json(const Report& report);
+
+/// The table on the terminal.
+std::string to_table(const Report& report);
+
+/// 1234567 as "1,234,567".
+std::string grouped(std::uint64_t number);
+
+/// The middle value; 0 of nothing. Reorders its input.
+double median(std::vector<double>& values);
+
+}  // namespace pgl::viewer
