@@ -1,0 +1,234 @@
+// SPDX-License-Identifier: MIT
+// The rule that shares a vertex budget among the objects of a frame, by what each is worth on the screen.
+#pragma once
+
+#include <cfloat>
+#include <cstdint>
+
+#include "pgl/config.hpp"
+#include "pgl/ieee.hpp"
+#include "pgl/types.hpp"
+
+namespace pgl {
+
+/// How the clamped shares are brought to the budget.
+///
+/// exact: the sum never exceeds the budget, and meets it whenever a drawn object could take one more vertex. Objects
+///   that are not eligible stay at 0. An object whose minimum alone exceeds the budget is not eligible.
+/// paper: [Peng13] Alg 2 as printed. It leaves out the lightest objects whose running sum is *at most* the excess, so
+///   it can stay over budget; it lifts all objects, those of weight 0 too (after the others); and it fills whole
+///   objects only, so it can stay below the budget.
+enum class BudgetPolicy : std::uint8_t { exact, paper };
+
+/// What distribute_budget is asked for.
+struct BudgetOptions {
+  std::uint64_t budget = 0;  ///< N, vertices, at most 2^32
+  float alpha = 3.0f;        ///< [Peng13] Eq 2.3, in (1, 64]: small favours screen area, large favours detailed objects
+  float pet = 1.0f;          ///< pixel error threshold, pixels squared, >= 0: a smaller area on the screen has weight 0
+  float near_depth = 1e-3f;  ///< smaller depths count as this one; positive and finite
+  float viewport_area = ieee::infinity<float>;  ///< larger areas count as this one, pixels squared; positive
+  BudgetPolicy policy = BudgetPolicy::exact;
+};
+
+/// Tells whether every option is in its documented range. NaN is in none.
+PGL_HD constexpr bool is_valid(const BudgetOptions& options) {
+  return options.budget <= (std::uint64_t{1} << 32) && options.alpha > 1.0f && options.alpha <= 64.0f &&
+         options.pet >= 0.0f && options.near_depth > 0.0f && options.near_depth <= FLT_MAX &&
+         options.viewport_area > 0.0f;
+}
+
+/// Finds the least vertex count at which a mesh keeps at least `min_triangles` triangles (MinT of [Peng13] Eq 2.4).
+///
+/// The result is in [mesh.min_vertices, mesh.max_vertices]; it is max_vertices where even the full mesh has fewer
+/// triangles. `map` is the model's map array (see Mesh). Precondition: the mesh's part of it does not decrease.
+/// O(log vertices).
+PGL_HD constexpr std::uint32_t minimum_vertices(const Mesh& mesh, const std::uint32_t* map,
+                                                std::uint32_t min_triangles) {
+  std::uint32_t low = mesh.min_vertices;
+  std::uint32_t high = mesh.max_vertices;
+  while (low < high) {
+    const std::uint32_t middle = low + (high - low) / 2;
+    if (triangles_at(mesh, map, middle) >= min_triangles)
+      high = middle;
+    else
+      low = middle + 1;
+  }
+  return low;
+}
+
+namespace detail {
+
+/// Takes log2 of a positive normal number to within 2^-40 and one ulp of the result, exactly for powers of two.
+///
+/// A float weight needs no more, and this takes a fifth of the time of ieee::log2. x = 2^e m with m in [sqrt(1/2),
+/// sqrt(2)), s = (m - 1) / (m + 1), log2(m) = 2 / ln 2 * (s + s^3/3 + ... + s^13/13).
+PGL_HD constexpr double weight_log2(double x) {
+  const std::uint64_t bits = ieee::to_bits(x);
+  const std::uint64_t above = bits - 0x3fe6a09e667f3bcdu;  // the bits of sqrt(1/2)
+  const auto e = static_cast<int>(static_cast<std::int64_t>(above) >> 52);
+  const double m = ieee::from_bits<double>(bits - (static_cast<std::uint64_t>(e) << 52));
+  const double s = ieee::div(ieee::sub(m, 1.0), ieee::add(m, 1.0));
+  const double z = ieee::mul(s, s);
+  double series = 1.0 / 13;
+  series = ieee::add(ieee::mul(series, z), 1.0 / 11);
+  series = ieee::add(ieee::mul(series, z), 1.0 / 9);
+  series = ieee::add(ieee::mul(series, z), 1.0 / 7);
+  series = ieee::add(ieee::mul(series, z), 1.0 / 5);
+  series = ieee::add(ieee::mul(series, z), 1.0 / 3);
+  series = ieee::add(ieee::mul(series, z), 1.0);
+  return ieee::add(static_cast<double>(e), ieee::mul(ieee::mul(s, 0x1.71547652b82fep+1), series));
+}
+
+}  // namespace detail
+
+/// Computes what an object is worth: log2 of A/D * P^(alpha - 1), P its full vertex count ([Peng13] Eq 2.3 without the
+/// factor alpha - 1, which all objects share, so that it changes neither the order nor the shares).
+///
+/// This float *is* the weight from here on: heavier means a larger value, ties go to the lower index. It is the nearest
+/// float of a double that is off by a few units in the last place of its largest term, never NaN, +infinity or -0, and
+/// at most 2300 in magnitude. A larger area, a smaller depth or a larger mesh never makes an object lighter.
+///
+/// -infinity means not eligible: an area of 0, below the threshold or NaN (negative ones too), an infinite or NaN
+/// depth, a mesh without vertices, and with BudgetPolicy::exact a minimum above the budget. An infinite area counts as
+/// the viewport's, or as the largest float where that is infinite too; a zero or negative depth as near_depth.
+/// area: pixels squared; depth: the object's nearest. Precondition: is_valid(options).
+PGL_HD inline float log_weight(float area, float depth, std::uint32_t min_vertices, std::uint32_t max_vertices,
+                               const BudgetOptions& options) {
+  const bool fits = options.policy == BudgetPolicy::paper || min_vertices <= options.budget;
+  const bool seen = area > 0.0f && area >= options.pet && depth < ieee::infinity<float>;
+  if (!seen || !fits || max_vertices == 0) return -ieee::infinity<float>;
+  const float a = ieee::min(ieee::min(area, options.viewport_area), FLT_MAX);
+  const float d = ieee::max(depth, options.near_depth);
+  const double beta = ieee::sub(static_cast<double>(options.alpha), 1.0);
+  const double detail = ieee::mul(beta, detail::weight_log2(static_cast<double>(max_vertices)));
+  const double nearness = detail::weight_log2(ieee::div(static_cast<double>(a), static_cast<double>(d)));
+  return ieee::add(ieee::to_float(ieee::add(detail, nearness)), 0.0f);  // + 0: turns -0 into +0
+}
+
+/// Computes an object's part of the budget as an integer: round(2^31 * (w / w_max)^(1/alpha)), the numerator of
+/// [Peng13] Eq 2.3 relative to the heaviest object, so that nothing overflows and sums do not depend on their order.
+///
+/// 2^31 for the heaviest object, 0 for one that is not eligible or below 2^-32 of the heaviest. Within 0.501 of the
+/// exact value for the two floats given. A heavier object never has less: the exponent is rounded to multiples of
+/// 2^-40, which are far wider apart than the error of exp2.
+/// Precondition: log_weight <= heaviest, neither is NaN, alpha in (1, 64].
+PGL_HD inline std::uint32_t share_weight(float log_weight, float heaviest, float alpha) {
+  if (!(log_weight > -ieee::infinity<float>)) return 0;
+  const double below = ieee::sub(static_cast<double>(log_weight), static_cast<double>(heaviest));
+  const double exponent = ieee::max(ieee::div(below, static_cast<double>(alpha)), -64.0);
+  return static_cast<std::uint32_t>(ieee::add(ieee::mul(ieee::exp2(exponent), 2147483648.0), 0.5));
+}
+
+/// Computes the vertex count that an eligible object starts with: floor(N * share / share_sum), clamped to the object's
+/// range ([Peng13] Eq 2.3, 2.4); exact integers.
+/// Preconditions: share_sum > 0; share <= 2^31; min_vertices <= max_vertices.
+PGL_HD constexpr std::uint32_t shared_vertices(std::uint32_t share, std::uint64_t share_sum, std::uint32_t min_vertices,
+                                               std::uint32_t max_vertices, const BudgetOptions& options) {
+  const std::uint64_t vertices = options.budget * share / share_sum;  // at most 2^32 * 2^31
+  if (vertices < min_vertices) return min_vertices;
+  return vertices > max_vertices ? max_vertices : static_cast<std::uint32_t>(vertices);
+}
+
+/// Packs the total order of the objects into an integer: the larger key is the heavier object; among equal weights it
+/// is the one with the lower index. Neither 0 nor the largest integer is ever a key.
+/// Precondition: the weight is neither NaN nor -0.
+PGL_HD constexpr std::uint64_t weight_key(float log_weight, std::uint32_t object) {
+  return (static_cast<std::uint64_t>(ieee::order_key(log_weight)) << 32) | (~object & 0xffffffffu);
+}
+
+/// The object that a key belongs to.
+PGL_HD constexpr std::uint32_t object_of_key(std::uint64_t key) {
+  return ~static_cast<std::uint32_t>(key);
+}
+
+/// The weight that a key was made of.
+PGL_HD constexpr float weight_of_key(std::uint64_t key) {
+  constexpr std::uint32_t sign = 0x80000000u;
+  const auto order = static_cast<std::uint32_t>(key >> 32);
+  return ieee::from_bits<float>((order & sign) ? order ^ sign : ~order);
+}
+
+/// The least key that an eligible object can have.
+PGL_HD constexpr std::uint64_t least_eligible_key() {
+  return weight_key(-ieee::infinity<float>, 0) + 1;
+}
+
+/// Where a running sum, heaviest object first, first exceeds a limit: the key of that object, and the sum of the ones
+/// heavier than it (at most the limit). key 0: it never does, and `before` is the sum of all.
+struct BudgetCut {
+  std::uint64_t key = 0;
+  std::uint64_t before = 0;
+};
+
+/// Turns the clamped shares into final counts: objects with keys below `kept_from` get 0; the one with `partial_key`
+/// gets `partial`; those from `filled_from` on get their maximum; the others keep their share.
+struct BudgetPlan {
+  std::uint64_t kept_from = 0;
+  std::uint64_t filled_from = ~std::uint64_t{0};
+  std::uint64_t partial_key = 0;
+  std::uint32_t partial = 0;
+  std::uint64_t left = 0;  ///< vertices that the kept objects may still be lifted by
+};
+
+/// The limit of the running sum of counts that decides what is left out when their sum exceeds the budget.
+/// Precondition: budget > 0.
+PGL_HD constexpr std::uint64_t reduction_limit(const BudgetOptions& options) {
+  return options.policy == BudgetPolicy::exact ? options.budget : options.budget - 1;
+}
+
+/// Plans the reduction to the budget, from the cut of the running sum of counts at reduction_limit.
+///
+/// exact: the lightest objects are left out until the others fit. The last of them, the object at the cut, takes what
+/// the others leave if that is at least its minimum, and the sum is N; if not, it is left out and the rest goes back to
+/// the others. paper: the object at the cut, with which the running sum reaches N, stays whole.
+/// Preconditions: cut.key != 0; min_at_cut is the minimum of its object.
+PGL_HD constexpr BudgetPlan plan_reduction(const BudgetCut& cut, std::uint32_t min_at_cut,
+                                           const BudgetOptions& options) {
+  BudgetPlan plan;
+  plan.kept_from = cut.key;
+  if (options.policy == BudgetPolicy::paper) return plan;
+  const std::uint64_t left = options.budget - cut.before;  // less than the count at the cut
+  if (left >= min_at_cut) {
+    plan.partial_key = cut.key;
+    plan.partial = static_cast<std::uint32_t>(left);
+  } else {
+    plan.kept_from = cut.key + 1;
+    plan.left = left;
+  }
+  return plan;
+}
+
+/// The least key that may be lifted: the kept and eligible ones; with BudgetPolicy::paper all.
+PGL_HD constexpr std::uint64_t lift_from(const BudgetPlan& plan, const BudgetOptions& options) {
+  if (options.policy == BudgetPolicy::paper) return 0;
+  return plan.kept_from > least_eligible_key() ? plan.kept_from : least_eligible_key();
+}
+
+/// Plans the lift by plan.left vertices, from the cut of the running sum of (maximum - count) over the keys that may be
+/// lifted, at the limit plan.left.
+///
+/// The heaviest objects get their maximum; the object at the cut takes the remainder (exact) or nothing (paper).
+/// Precondition: count_at_cut is the count of the object at the cut, 0 where there is none.
+PGL_HD constexpr BudgetPlan plan_lift(BudgetPlan plan, const BudgetCut& cut, std::uint32_t count_at_cut,
+                                      const BudgetOptions& options) {
+  if (cut.key == 0) {
+    plan.filled_from = lift_from(plan, options);
+    return plan;
+  }
+  plan.filled_from = cut.key + 1;
+  if (options.policy == BudgetPolicy::exact) {
+    plan.partial_key = cut.key;
+    plan.partial = count_at_cut + static_cast<std::uint32_t>(plan.left - cut.before);
+  }
+  return plan;
+}
+
+/// The vertex count that a plan gives an object.
+PGL_HD constexpr std::uint32_t planned_vertices(const BudgetPlan& plan, std::uint64_t key, std::uint32_t count,
+                                                std::uint32_t max_vertices) {
+  if (key < plan.kept_from) return 0;
+  if (key == plan.partial_key) return plan.partial;
+  return key >= plan.filled_from ? max_vertices : count;
+}
+
+}  // namespace pgl
