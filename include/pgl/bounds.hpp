@@ -16,13 +16,19 @@ PGL_HD inline bool has_nan(const Box& box) {
          box.max.x != box.max.x || box.max.y != box.max.y || box.max.z != box.max.z;
 }
 
-/// The smaller (larger) of two sides, a zero always as +0; NaN where either is NaN. Commutative to the bit but for the
-/// payload of a NaN, so that the order of a reduction leaves no trace.
+/// The box of unknown extent: NaN on every side.
+PGL_HD inline Box unknown_box() {
+  Box r;
+  r.min.x = r.min.y = r.min.z = r.max.x = r.max.y = r.max.z = ieee::quiet_nan<float>;
+  return r;
+}
+
+/// The smaller (larger) of two sides, a zero always as +0, so that the order of a reduction leaves no trace.
 PGL_HD inline float lower_side(float a, float b) {
-  return ieee::add(a <= b || a != a ? a : b, 0.0f);
+  return ieee::add(ieee::min(a, b), 0.0f);
 }
 PGL_HD inline float upper_side(float a, float b) {
-  return ieee::add(a >= b || a != a ? a : b, 0.0f);
+  return ieee::add(ieee::max(a, b), 0.0f);
 }
 
 /// The absolute value.
@@ -49,9 +55,9 @@ PGL_HD inline float float_below(double a) {
   return -float_above(-a);
 }
 
-/// a * side, where nothing times an infinite side is nothing. Exact if a is a float.
+/// a * side, where nothing times an infinite side is nothing. Exact if a is a float's value.
 PGL_HD inline double reach(double a, float side) {
-  return a == 0.0 && side == side ? 0.0 : ieee::mul(a, static_cast<double>(side));
+  return a == 0.0 ? 0.0 : ieee::mul(a, static_cast<double>(side));
 }
 
 /// The upper end of x*p.x + y*p.y + z*p.z + w over the box, rounded up.
@@ -89,9 +95,10 @@ PGL_HD inline Box extend(const Box& box, const glm::vec3& point) {
 
 /// Returns the least box that holds both boxes.
 ///
-/// An empty box adds nothing; the merge of two empty boxes is Box{}. A NaN side stays NaN. Zeros come out as +0.
-/// Commutative and associative, so that a reduction gives the same bits in any order.
+/// An empty box adds nothing; the merge of two empty boxes is Box{}. A NaN on any side of either makes every side NaN.
+/// Zeros come out as +0. Commutative and associative, so that a reduction gives the same bits in any order.
 PGL_HD inline Box merge(const Box& a, const Box& b) {
+  if (detail::has_nan(a) || detail::has_nan(b)) return detail::unknown_box();
   const Box p = is_empty(a) ? Box{} : a, q = is_empty(b) ? Box{} : b;
   Box r;
   r.min.x = detail::lower_side(p.min.x, q.min.x);
@@ -111,10 +118,11 @@ PGL_HD inline Box merge(const Box& a, const Box& b) {
 /// outer side of a sum of four doubles rounded outwards; where those sums are exact, as with the identity, nothing
 /// grows.
 /// An empty box gives Box{}. A side beyond float's range is infinite (or the greatest finite float, on the inner side).
-/// Infinite sides stay infinite along the axes that they reach. A NaN in the box gives a NaN side; so may a NaN or an
-/// infinity in the transform.
+/// Infinite sides stay infinite along the axes that they reach. A NaN in the box or in the transform makes every side
+/// NaN, which culling keeps.
 PGL_HD inline Box transform(const Box& box, const glm::mat4x3& m) {
   if (is_empty(box)) return Box{};
+  if (detail::has_nan(box)) return detail::unknown_box();
   Box r;
   r.max.x = detail::upper_reach(m[0].x, m[1].x, m[2].x, m[3].x, box);
   r.max.y = detail::upper_reach(m[0].y, m[1].y, m[2].y, m[3].y, box);
@@ -122,7 +130,7 @@ PGL_HD inline Box transform(const Box& box, const glm::mat4x3& m) {
   r.min.x = -detail::upper_reach(-m[0].x, -m[1].x, -m[2].x, -m[3].x, box);
   r.min.y = -detail::upper_reach(-m[0].y, -m[1].y, -m[2].y, -m[3].y, box);
   r.min.z = -detail::upper_reach(-m[0].z, -m[1].z, -m[2].z, -m[3].z, box);
-  return r;
+  return detail::has_nan(r) ? detail::unknown_box() : r;
 }
 
 }  // namespace pgl
