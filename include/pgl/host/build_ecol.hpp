@@ -1,0 +1,681 @@
+// SPDX-License-Identifier: MIT
+// Progressive collapse order on the CPU: exact greedy half-edge collapsing of one mesh.
+#pragma once
+
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <type_traits>
+#include <utility>
+#include <vector>
+
+#include "pgl/build_ecol.hpp"
+#include "pgl/host/bounds.hpp"
+
+namespace pgl::host {
+
+namespace detail {
+
+inline constexpr std::uint32_t none = ~std::uint32_t{0};
+
+/// A cost and a vertex, ordered by both. In float they share one word: a comparison is one instruction.
+template <class Cost>
+struct Ranked {
+  Cost cost;
+  std::uint32_t vertex;
+  friend bool operator<(const Ranked& a, const Ranked& b) {
+    return a.cost != b.cost ? a.cost < b.cost : a.vertex < b.vertex;
+  }
+};
+inline std::uint64_t rank(std::uint32_t cost, std::uint32_t vertex) {
+  return (std::uint64_t{cost} << 32) | vertex;
+}
+inline std::uint32_t cost_of(std::uint64_t ranked) {
+  return static_cast<std::uint32_t>(ranked >> 32);
+}
+inline std::uint32_t vertex_of(std::uint64_t ranked) {
+  return static_cast<std::uint32_t>(ranked);
+}
+inline Ranked<std::uint64_t> rank(std::uint64_t cost, std::uint32_t vertex) {
+  return {cost, vertex};
+}
+inline std::uint64_t cost_of(const Ranked<std::uint64_t>& ranked) {
+  return ranked.cost;
+}
+inline std::uint32_t vertex_of(const Ranked<std::uint64_t>& ranked) {
+  return ranked.vertex;
+}
+
+/// A min-heap of vertices by cost, with every vertex's place in it, so that costs can change.
+template <class Real>
+class VertexHeap {
+ public:
+  using Cost = decltype(cost_key(Real{}));
+  using Entry = decltype(rank(Cost{}, std::uint32_t{}));
+
+  void reset(std::size_t vertices) {
+    entries_.clear();
+    place_.assign(vertices, none);
+  }
+  bool empty() const { return entries_.empty(); }
+  std::uint32_t top() const { return vertex_of(entries_.front()); }
+  bool contains(std::uint32_t v) const { return place_[v] != none; }
+
+  /// Appends without order; make_heap() orders all.
+  void append(Cost cost, std::uint32_t v) {
+    place_[v] = static_cast<std::uint32_t>(entries_.size());
+    entries_.push_back(rank(cost, v));
+  }
+  void make_heap() {
+    for (std::size_t i = entries_.size() / arity + 1; i-- > 0;)
+      if (i < entries_.size()) sink(i, entries_[i]);
+  }
+
+  /// Inserts v or changes its cost.
+  void set(Cost cost, std::uint32_t v) {
+    const Entry e = rank(cost, v);
+    std::size_t at = place_[v];
+    if (at == none) {
+      at = entries_.size();
+      entries_.push_back(e);
+      rise(at, e);
+    } else if (e < entries_[at]) {
+      rise(at, e);
+    } else {
+      sink(at, e);
+    }
+  }
+  void remove(std::uint32_t v) {
+    const std::size_t at = place_[v];
+    if (at == none) return;
+    place_[v] = none;
+    const Entry last = entries_.back();
+    entries_.pop_back();
+    if (at == entries_.size()) return;
+    if (last < entries_[at])
+      rise(at, last);
+    else
+      sink(at, last);
+  }
+
+ private:
+  static constexpr std::size_t arity = 4;
+
+  void put(std::size_t at, const Entry& e) {
+    entries_[at] = e;
+    place_[vertex_of(e)] = static_cast<std::uint32_t>(at);
+  }
+  void rise(std::size_t at, const Entry e) {
+    while (at > 0) {
+      const std::size_t parent = (at - 1) / arity;
+      if (!(e < entries_[parent])) break;
+      put(at, entries_[parent]);
+      at = parent;
+    }
+    put(at, e);
+  }
+  void sink(std::size_t at, const Entry e) {
+    const std::size_t size = entries_.size();
+    for (;;) {
+      const std::size_t first = at * arity + 1;
+      if (first >= size) break;
+      std::size_t least = first;
+      const std::size_t last = std::min(first + arity, size);
+      for (std::size_t child = first + 1; child < last; ++child)
+        if (entries_[child] < entries_[least]) least = child;
+      if (!(entries_[least] < e)) break;
+      put(at, entries_[least]);
+      at = least;
+    }
+    put(at, e);
+  }
+
+  std::vector<Entry> entries_;
+  std::vector<std::uint32_t> place_;
+};
+
+/// Asks for a cache line that is needed soon: in a large mesh every collapse is somewhere else.
+inline void prefetch([[maybe_unused]] const void* address) {
+#if defined(__GNUC__) || defined(__clang__)
+  __builtin_prefetch(address);
+#endif
+}
+
+template <class Real>
+class Collapser;
+
+}  // namespace detail
+
+/// Scratch memory of build_ecol: about 120 bytes a vertex and 60 a triangle of the largest mesh seen (Real = float).
+/// Reuse one per thread from mesh to mesh; it only grows. Contents mean nothing between calls.
+template <class Real = float>
+class EcolWorkspace {
+  friend class detail::Collapser<Real>;
+
+  /// What a visit to a neighbour touches: its position, and counts that are valid while `stamp` is the current one.
+  struct Near {
+    Vector<Real> position;
+    std::uint32_t stamp;
+    std::uint32_t uses_u;  ///< triangles of u that contain it
+    std::uint32_t uses_v;  ///< triangles of v that contain it
+    std::uint32_t thirds;  ///< triangles that contain it, u and v
+  };
+  /// Everything else about a vertex; one cache line in float.
+  struct alignas(64) State {
+    Quadric<Real> quadric;
+    std::uint32_t first, size, capacity;  ///< its wedges
+    decltype(cost_key(Real{})) cost;      ///< of its cheapest candidate
+    std::uint32_t target;                 ///< of its cheapest candidate
+    bool movable;                         ///< may go at all
+    bool rejected;                        ///< candidates cheaper than `target` were found invalid
+    bool boundary;                        ///< on an open edge
+  };
+  /// A triangle as one of its corners sees it: the other two, in the triangle's winding.
+  struct Wedge {
+    std::uint32_t triangle, next, previous;
+  };
+
+  std::vector<Near> near_;
+  std::vector<State> state_;
+  std::vector<Real> weight_;
+  std::vector<Wedge> wedges_;
+  std::vector<Triangle<std::uint32_t>> triangles_;  ///< current corners, for the normals
+  std::vector<Vector<Real>> normals_;
+  std::vector<std::uint32_t> ring_, touched_, vanished_, degenerate_;
+  detail::VertexHeap<Real> heap_;
+};
+
+namespace detail {
+
+template <class Real>
+class Collapser {
+  using Work = EcolWorkspace<Real>;
+  using Wedge = typename Work::Wedge;
+  using Cost = decltype(cost_key(Real{}));
+  using Rank = decltype(rank(Cost{}, std::uint32_t{}));
+
+ public:
+  Collapser(Work& work, const EcolOptions& options, bool with_error)
+      : w_(work),
+        o_(options),
+        with_error_(with_error),
+        with_quadrics_(with_error || options.metric == CostMetric::quadric),
+        with_normals_(options.metric == CostMetric::melax) {}
+
+  template <class Index>
+  void load(std::span<const glm::vec3> positions, std::span<const Triangle<Index>> triangles,
+            std::span<const std::uint8_t> locked) {
+    const std::size_t vertices = positions.size();
+    normalisation_ = normalisation(bounds(positions));
+    w_.near_.resize(vertices);
+    w_.state_.resize(vertices);
+    for (std::size_t v = 0; v < vertices; ++v) {
+      w_.near_[v] = {normalise<Real>(positions[v], normalisation_), 0, 0, 0, 0};
+      w_.state_[v] = {};
+      w_.state_[v].target = none;
+      w_.state_[v].movable = locked.empty() || locked[v] == 0;
+    }
+
+    w_.degenerate_.clear();
+    const auto corners = [&](std::size_t t) {
+      return Triangle<std::uint32_t>{{triangles[t].v[0], triangles[t].v[1], triangles[t].v[2]}};
+    };
+    const auto degenerate = [](const Triangle<std::uint32_t>& t) {
+      return t.v[0] == t.v[1] || t.v[1] == t.v[2] || t.v[2] == t.v[0];
+    };
+    for (std::size_t t = 0; t < triangles.size(); ++t) {
+      const auto tri = corners(t);
+      PGL_ASSERT(tri.v[0] < vertices && tri.v[1] < vertices && tri.v[2] < vertices);
+      if (degenerate(tri))
+        w_.degenerate_.push_back(static_cast<std::uint32_t>(t));
+      else
+        for (const std::uint32_t v : tri.v) ++w_.state_[v].size;
+    }
+    std::uint32_t used = 0;
+    for (auto& s : w_.state_) {
+      s.first = used;
+      s.capacity = s.size;
+      used += s.size;
+      s.size = 0;
+    }
+    w_.wedges_.resize(used);
+    if (with_normals_) {
+      w_.triangles_.resize(triangles.size());
+      w_.normals_.resize(triangles.size());
+    }
+    if (with_error_) w_.weight_.assign(vertices, Real(0));
+    for (std::size_t t = 0; t < triangles.size(); ++t) {
+      const auto tri = corners(t);
+      if (degenerate(tri)) continue;
+      for (int c = 0; c < 3; ++c) {
+        auto& s = w_.state_[tri.v[c]];
+        w_.wedges_[s.first + s.size++] = {static_cast<std::uint32_t>(t), tri.v[(c + 1) % 3], tri.v[(c + 2) % 3]};
+      }
+      if (with_normals_) w_.triangles_[t] = tri;
+      if (!with_normals_ && !with_quadrics_) continue;
+      const Vector<Real> n = triangle_normal(position(tri.v[0]), position(tri.v[1]), position(tri.v[2]));
+      const Vector<Real> unit = direction(n);
+      if (with_normals_) w_.normals_[t] = unit;
+      if (with_quadrics_)
+        for (const std::uint32_t v : tri.v) add_plane(v, unit, triangle_weight(n));
+    }
+    stamp_ = 0;
+    set_up_boundary(triangles);
+    set_up_heap();
+  }
+
+  /// Performs the next collapse. False when none is valid.
+  bool step() {
+    while (!w_.heap_.empty()) {
+      const std::uint32_t u = w_.heap_.top();
+      auto& s = w_.state_[u];
+      if (valid(u, s.target)) {
+        collapse(u, s.target);
+        return true;
+      }
+      find(u, true, s.cost, s.target);
+      place(u);
+    }
+    return false;
+  }
+
+  std::uint32_t from() const { return from_; }
+  std::uint32_t to() const { return to_; }
+  /// The triangles that the last collapse removed, ascending. The first collapse also removes the degenerate ones.
+  std::span<const std::uint32_t> vanished() const { return w_.vanished_; }
+  /// Geometric error of the last collapse, in model units.
+  float error() const { return ieee::to_float(ieee::div(static_cast<double>(plane_distance_), normalisation_.scale)); }
+
+ private:
+  std::span<Wedge> wedges(std::uint32_t v) { return {w_.wedges_.data() + w_.state_[v].first, w_.state_[v].size}; }
+  const Vector<Real>& position(std::uint32_t v) const { return w_.near_[v].position; }
+  bool is_current(std::uint32_t v) const { return w_.near_[v].stamp == stamp_; }
+
+  void add_plane(std::uint32_t v, const Vector<Real>& unit, Real weight) {
+    pgl::add_plane(w_.state_[v].quadric, unit, weight);
+    if (with_error_) w_.weight_[v] = ieee::add(w_.weight_[v], weight);
+  }
+
+  /// The neighbours of u, each once, into ring_, with uses_u counted.
+  void visit_ring(std::uint32_t u) {
+    ++stamp_;
+    ring_size_ = 0;
+    const auto around = wedges(u);
+    if (w_.ring_.size() < 2 * around.size()) w_.ring_.resize(2 * around.size());
+    for (const Wedge& wedge : around) {
+      visit(wedge.next);
+      visit(wedge.previous);
+    }
+  }
+  void visit(std::uint32_t x) {  // without branches: whether x is new is a coin toss
+    auto& n = w_.near_[x];
+    const bool is_new = n.stamp != stamp_;
+    n.stamp = stamp_;
+    n.uses_u = is_new ? 1 : n.uses_u + 1;
+    n.uses_v = n.thirds = 0;
+    w_.ring_[ring_size_] = x;
+    ring_size_ += is_new;
+  }
+  std::span<const std::uint32_t> ring() const { return {w_.ring_.data(), ring_size_}; }
+  std::size_t open_edges() const {
+    std::size_t count = 0;
+    for (const std::uint32_t x : ring()) count += w_.near_[x].uses_u == 1;
+    return count;
+  }
+
+  template <class Index>
+  void set_up_boundary(std::span<const Triangle<Index>> triangles) {
+    const auto vertices = static_cast<std::uint32_t>(w_.near_.size());
+    for (std::uint32_t u = 0; u < vertices; ++u) {
+      visit_ring(u);
+      auto& s = w_.state_[u];
+      s.boundary = open_edges() != 0;
+      if (!s.boundary) continue;
+      if (o_.boundary == BoundaryRule::locked) {
+        s.movable = false;
+      } else if (with_quadrics_) {
+        for (const Wedge& wedge : wedges(u)) {
+          const auto& tri = triangles[wedge.triangle].v;
+          const Vector<Real> n = triangle_normal(position(tri[0]), position(tri[1]), position(tri[2]));
+          for (int c = 0; c < 3; ++c) {
+            const std::uint32_t a = tri[c], b = tri[(c + 1) % 3];
+            if ((a != u && b != u) || w_.near_[a == u ? b : a].uses_u != 1) continue;
+            add_plane(u, open_edge_plane(position(a), position(b), n),
+                      open_edge_weight(position(a), position(b), static_cast<Real>(o_.boundary_penalty)));
+          }
+        }
+      }
+    }
+  }
+
+  void set_up_heap() {
+    w_.heap_.reset(w_.near_.size());
+    for (std::uint32_t u = 0; u < w_.near_.size(); ++u) {
+      if (!w_.state_[u].movable) continue;
+      find(u, false, 0, 0);
+      if (w_.state_[u].target != none) w_.heap_.append(w_.state_[u].cost, u);
+    }
+    w_.heap_.make_heap();
+  }
+
+  /// The cost of u -> x. Melax cost, and a boundary vertex, need u's ring visited.
+  Real cost(std::uint32_t u, std::uint32_t x) {
+    const Vector<Real> d = difference(position(x), position(u));
+    if (o_.metric == CostMetric::quadric) return evaluate(w_.state_[u].quadric, d);
+    const Real l = length(d);
+    const bool slides = w_.state_[u].boundary;
+    const auto penalty = static_cast<Real>(o_.boundary_penalty);
+    if (o_.metric == CostMetric::edge_length) return slides ? ieee::mul(l, penalty) : l;
+    Real curvature = 0;
+    for (const Wedge& f : wedges(u)) {
+      Real least = ieee::infinity<Real>;
+      for (const Wedge& n : wedges(u))
+        if (n.next == x || n.previous == x)
+          least = ieee::min(dissimilarity(w_.normals_[f.triangle], w_.normals_[n.triangle]), least);
+      curvature = ieee::max(least, curvature);
+    }
+    if (slides) {
+      const Vector<Real> ahead = direction(d);
+      for (const std::uint32_t y : ring()) {
+        if (y == x || w_.near_[y].uses_u != 1) continue;
+        const Vector<Real> along = direction(difference(position(u), position(y)));
+        curvature = ieee::max(ieee::mul(penalty, dissimilarity(along, ahead)), curvature);
+      }
+    }
+    return ieee::mul(l, curvature);
+  }
+
+  /// Finds u's cheapest target; with `after`, the cheapest one behind (cost, target) in the order. No target: none.
+  void find(std::uint32_t u, bool after, Cost floor_cost, std::uint32_t floor_target) {
+    auto& s = w_.state_[u];
+    const Rank floor = rank(floor_cost, floor_target);
+    Rank best = rank(~Cost{0}, none);
+    const auto consider = [&](Real cost_to, std::uint32_t x) {
+      const Rank r = rank(cost_key(cost_to), x);
+      const bool better = r < best && !(after && !(floor < r));
+      best = better ? r : best;
+    };
+    if (o_.boundary == BoundaryRule::slide || o_.metric == CostMetric::melax) {
+      visit_ring(u);
+      const std::size_t open = o_.boundary == BoundaryRule::slide ? open_edges() : 0;
+      s.boundary = open != 0;
+      if (open == 0 || open == 2)
+        for (const std::uint32_t x : ring())
+          if (open == 0 || w_.near_[x].uses_u == 1) consider(cost(u, x), x);
+    } else if (o_.metric == CostMetric::edge_length) {
+      for (const Wedge& wedge : wedges(u))
+        for (const std::uint32_t x : {wedge.next, wedge.previous}) consider(cost(u, x), x);
+    } else {
+      // Most neighbours are seen twice, which is cheaper than telling them apart; a batch is one vector loop.
+      constexpr std::size_t batch = 16;
+      const Quadric<Real> q = s.quadric;
+      const Vector<Real> p = position(u);
+      const auto around = wedges(u);
+      for (std::size_t first = 0; first < around.size(); first += batch / 2) {
+        const std::size_t count = std::min(around.size() - first, batch / 2);
+        Vector<Real> to[batch];
+        Real value[batch];
+        for (std::size_t i = 0; i < batch / 2; ++i) {
+          const Wedge& wedge = around[first + (i < count ? i : 0)];
+          to[2 * i] = position(wedge.next);
+          to[2 * i + 1] = position(wedge.previous);
+        }
+        for (std::size_t i = 0; i < batch; ++i) value[i] = evaluate(q, difference(to[i], p));
+        for (std::size_t i = 0; i < count; ++i) {
+          consider(value[2 * i], around[first + i].next);
+          consider(value[2 * i + 1], around[first + i].previous);
+        }
+      }
+    }
+    s.target = vertex_of(best);
+    s.cost = cost_of(best);
+    s.rejected = after;
+  }
+
+  void place(std::uint32_t u) {
+    if (w_.state_[u].target == none)
+      w_.heap_.remove(u);
+    else
+      w_.heap_.set(w_.state_[u].cost, u);
+  }
+
+  /// Whether u -> v is allowed now. Leaves u's ring visited, with all counts set if it is.
+  bool valid(std::uint32_t u, std::uint32_t v) {
+    visit_ring(u);
+    for (const Wedge& wedge : wedges(u)) {
+      w_.near_[wedge.previous].thirds += wedge.next == v;
+      w_.near_[wedge.next].thirds += wedge.previous == v;
+    }
+    for (const std::uint32_t x : ring()) prefetch(w_.state_.data() + x);
+    for (const Wedge& wedge : wedges(v)) {
+      const std::uint32_t a = wedge.next, b = wedge.previous;
+      const bool near_a = is_current(a), near_b = is_current(b);  // u is not in its own ring
+      w_.near_[a].uses_v += near_a;
+      w_.near_[b].uses_v += near_b;
+      if (o_.link_condition && near_a && near_b && has_triangle(u, a, b)) return false;
+    }
+
+    // With locked boundaries a movable vertex is on no open edge, and never comes to be.
+    const std::size_t open = o_.boundary == BoundaryRule::slide ? open_edges() : 0;
+    if (open != 0 && (open != 2 || w_.near_[v].uses_u != 1)) return false;
+    for (const std::uint32_t x : ring()) {
+      const auto& n = w_.near_[x];
+      if (x == v || n.uses_v == 0) continue;
+      if (o_.link_condition && n.thirds == 0) return false;
+      if (open != 0 && n.uses_u == 1 && n.uses_v == 1) return false;
+      if (!keeps_open_edges(n.uses_v, n.uses_u, n.thirds, open != 0)) return false;
+    }
+    return !o_.flip_guard || !flips_any(u, v);
+  }
+
+  bool has_triangle(std::uint32_t u, std::uint32_t a, std::uint32_t b) {
+    for (const Wedge& wedge : wedges(u))
+      if ((wedge.next == a && wedge.previous == b) || (wedge.next == b && wedge.previous == a)) return true;
+    return false;
+  }
+
+  bool flips_any(std::uint32_t u, std::uint32_t v) {
+    const auto wide = [&](std::uint32_t x) { return Vector<double>(position(x)); };
+    const Vector<double> from = wide(u), to = wide(v);
+    for (const Wedge& wedge : wedges(u)) {
+      if (wedge.next == v || wedge.previous == v) continue;
+      const Vector<double> a = wide(wedge.next), b = wide(wedge.previous);
+      if (flips(triangle_normal(from, a, b), triangle_normal(to, a, b))) return true;
+    }
+    return false;
+  }
+
+  /// Performs u -> v, right after valid(u, v) said yes.
+  void collapse(std::uint32_t u, std::uint32_t v) {
+    from_ = u;
+    to_ = v;
+    for (const std::uint32_t x : ring()) prefetch(w_.wedges_.data() + w_.state_[x].first);
+    const bool u_on_boundary = w_.state_[u].boundary;
+    if (with_quadrics_) merge_quadrics(u, v);
+    move_triangles(u, v);
+    w_.heap_.remove(u);
+
+    // Only the vertices around u and v can have a different cost or a different answer from valid(): those whose
+    // choice may have changed look again, the others only at their new neighbour v.
+    w_.touched_.clear();
+    for (const std::uint32_t x : ring()) {
+      const auto& n = w_.near_[x];
+      const auto& s = w_.state_[x];
+      if (x == v || !s.movable) continue;
+      const bool gone = n.uses_v != 0 && merged_edge_uses(n.uses_v, n.uses_u, n.thirds) == 0;
+      if (o_.metric == CostMetric::melax || s.rejected || s.target == u || s.boundary || u_on_boundary || gone)
+        w_.touched_.push_back(x);
+      else if (n.uses_v == 0)
+        offer(x, v);
+    }
+    for (const Wedge& wedge : wedges(v))
+      for (const std::uint32_t x : {wedge.next, wedge.previous}) {
+        if (is_current(x) || !w_.state_[x].rejected || !w_.state_[x].movable) continue;
+        w_.near_[x].stamp = stamp_;
+        w_.touched_.push_back(x);
+      }
+    if (w_.state_[v].movable) w_.touched_.push_back(v);
+    for (const std::uint32_t x : w_.touched_) {
+      find(x, false, 0, 0);
+      place(x);
+    }
+  }
+
+  void merge_quadrics(std::uint32_t u, std::uint32_t v) {
+    const Vector<Real> d = difference(position(v), position(u));
+    const Quadric<Real>& q = w_.state_[u].quadric;
+    if (with_error_) {
+      plane_distance_ = plane_distance(evaluate(q, d), w_.weight_[u]);
+      w_.weight_[v] = ieee::add(w_.weight_[v], w_.weight_[u]);
+    }
+    merge(w_.state_[v].quadric, q, d);
+  }
+
+  /// Triangles with u and v vanish; in the others of u, u becomes v.
+  void move_triangles(std::uint32_t u, std::uint32_t v) {
+    w_.vanished_.swap(w_.degenerate_);
+    w_.degenerate_.clear();
+
+    auto& sv = w_.state_[v];
+    std::uint32_t kept = 0;
+    for (const Wedge& wedge : wedges(v))
+      if (wedge.next != u && wedge.previous != u) w_.wedges_[sv.first + kept++] = wedge;
+    sv.size = kept;
+    const std::uint32_t most = sv.size + w_.state_[u].size;
+    if (most > sv.capacity) {
+      const std::size_t first = w_.wedges_.size();
+      PGL_ASSERT(first + most + most / 2 < none);
+      w_.wedges_.resize(first + most + most / 2);
+      std::copy_n(w_.wedges_.begin() + sv.first, sv.size, w_.wedges_.begin() + static_cast<std::ptrdiff_t>(first));
+      sv.first = static_cast<std::uint32_t>(first);
+      sv.capacity = most + most / 2;
+    }
+    for (const Wedge& wedge : wedges(u)) {
+      if (wedge.next == v || wedge.previous == v) {
+        w_.vanished_.push_back(wedge.triangle);
+      } else {
+        w_.wedges_[sv.first + sv.size++] = wedge;
+        if (with_normals_) move_corner(wedge.triangle, u, v);
+      }
+    }
+    std::sort(w_.vanished_.begin(), w_.vanished_.end());
+    for (const std::uint32_t x : ring())
+      if (x != v) rename(x, u, v);
+    w_.state_[u].size = 0;
+  }
+
+  void move_corner(std::uint32_t t, std::uint32_t u, std::uint32_t v) {
+    auto& tri = w_.triangles_[t].v;
+    for (std::uint32_t& x : tri)
+      if (x == u) x = v;
+    w_.normals_[t] = direction(triangle_normal(position(tri[0]), position(tri[1]), position(tri[2])));
+  }
+
+  /// In x's wedges: u becomes v, and those with both vanish.
+  void rename(std::uint32_t x, std::uint32_t u, std::uint32_t v) {
+    auto& s = w_.state_[x];
+    std::uint32_t kept = 0;
+    Wedge* const list = w_.wedges_.data() + s.first;
+    for (std::uint32_t i = 0; i < s.size; ++i) {
+      Wedge wedge = list[i];
+      wedge.next = wedge.next == u ? v : wedge.next;
+      wedge.previous = wedge.previous == u ? v : wedge.previous;
+      list[kept] = wedge;
+      kept += wedge.next != wedge.previous;
+    }
+    s.size = kept;
+  }
+
+  /// A new neighbour v of x: x's choice if it is cheaper. Only for costs that do not look at the ring.
+  void offer(std::uint32_t x, std::uint32_t v) {
+    const Cost c = cost_key(cost(x, v));
+    auto& s = w_.state_[x];
+    if (s.target != none && (s.cost < c || (s.cost == c && s.target < v))) return;
+    s.cost = c;
+    s.target = v;
+    w_.heap_.set(c, x);
+  }
+
+  Work& w_;
+  const EcolOptions& o_;
+  const bool with_error_, with_quadrics_, with_normals_;
+  Normalisation normalisation_;
+  std::uint32_t stamp_ = 0;
+  std::size_t ring_size_ = 0;
+  std::uint32_t from_ = none, to_ = none;
+  Real plane_distance_ = 0;
+};
+
+}  // namespace detail
+
+/// Orders the collapses of one mesh: repeatedly performs the least valid half-edge collapse, by (cost, vertex that
+/// goes, vertex it merges into), until none is valid. Returns the number of vertices left, `min`.
+///
+/// A collapse u -> v moves u onto v; the triangles that contain both vanish. It is valid when u is not masked by
+/// `locked`, when it respects the open edges (options.boundary), and, by option, the topology (link condition: the
+/// neighbours that u and v share are exactly the third vertices of the triangles on uv, and no other pair of triangles
+/// falls together) and the facing of every surviving triangle. What each collapse costs: CostMetric.
+///
+/// In: `positions`, V of them, any unit and place; `triangles`, T of them, indices below V; `locked`, empty or V flags.
+/// Out, all in the input's 0-based numbering, with room as stated; outputs may not overlap inputs or each other:
+///   ecol[V]       the vertex that v merges into, or no_target
+///   permute_v[V]  the place of v when vertices are sorted so that every prefix is a level: the first to go is last
+///   permute_t[T]  the place of triangle t likewise; of those that vanish together the lowest index is last
+///   map[V + 1]    entry k, min <= k <= V: the triangles left at k vertices; below min untouched
+///   error[V + 1]  empty, or for the same k the greatest root-mean-square distance, over all collapses that leave k
+///                 vertices or more, from a merged vertex to the planes of the input triangles merged into it (model
+///                 units, area weighted, whatever the cost metric; an estimate, not a bound); error[V] = 0, growing as
+///                 k falls
+/// Feed the result to rearrange().
+///
+/// Everything is accepted and nothing is lost. Triangles with a repeated index have no edges; they are last in
+/// permute_t and leave with the first collapse. Duplicate triangles count with their multiplicity, edges of more than
+/// two triangles are kept from becoming open, isolated vertices stay. Preconditions: indices below V; V and 3T below
+/// 2^32; V at most 65536 with 16-bit indices; positions finite (a coordinate that is not finite counts as the box's
+/// centre; the result is then still deterministic, but means little); boundary_penalty > 0.
+///
+/// About (V + T) log V work; memory from the workspace. Runs on one thread: run meshes in parallel, each thread with a
+/// workspace of its own. The result depends on the input alone, and not at all on an exact power-of-two scale.
+/// Source: [Peng13] 2.3, Eq 2.1 and 2.2, five steps; [PC11] 4.1; link condition: Dey, Edelsbrunner, Guha, Nekhayev,
+/// *Topology preserving edge contraction*, 1999; quadrics: Garland, Heckbert, *Surface simplification using quadric
+/// error metrics*, 1997. In use: tests/unit/build_ecol_test.cpp.
+template <class Real = float, class Index>
+std::uint32_t build_ecol(std::span<const glm::vec3> positions, std::span<const Triangle<Index>> triangles,
+                         std::span<const std::uint8_t> locked, const EcolOptions& options,
+                         EcolWorkspace<Real>& workspace, std::span<Index> ecol, std::span<Index> permute_v,
+                         std::span<std::uint32_t> permute_t, std::span<std::uint32_t> map, std::span<float> error) {
+  const auto vertices = static_cast<std::uint32_t>(positions.size());
+  const auto triangle_count = static_cast<std::uint32_t>(triangles.size());
+  PGL_ASSERT(ecol.size() == vertices && permute_v.size() == vertices && permute_t.size() == triangle_count);
+  PGL_ASSERT(map.size() == positions.size() + 1 && (error.empty() || error.size() == map.size()));
+  PGL_ASSERT(locked.empty() || locked.size() == vertices);
+
+  std::fill(ecol.begin(), ecol.end(), no_target<Index>);
+  std::fill(permute_t.begin(), permute_t.end(), detail::none);
+  detail::Collapser<Real> collapser(workspace, options, !error.empty());
+  collapser.load(positions, triangles, locked);
+
+  std::uint32_t left = vertices, triangles_left = triangle_count;
+  float worst = 0;
+  map[left] = triangles_left;
+  if (!error.empty()) error[left] = 0;
+  while (collapser.step()) {
+    const std::uint32_t u = collapser.from();
+    ecol[u] = static_cast<Index>(collapser.to());
+    permute_v[u] = static_cast<Index>(--left);
+    for (const std::uint32_t t : collapser.vanished()) permute_t[t] = --triangles_left;
+    map[left] = triangles_left;
+    if (!error.empty()) error[left] = worst = ieee::max(collapser.error(), worst);
+  }
+
+  std::uint32_t next = 0;
+  for (std::uint32_t v = 0; v < vertices; ++v)
+    if (ecol[v] == no_target<Index>) permute_v[v] = static_cast<Index>(next++);
+  next = 0;
+  for (std::uint32_t& t : permute_t)
+    if (t == detail::none) t = next++;
+  return left;
+}
+
+}  // namespace pgl::host
