@@ -399,7 +399,8 @@ PGL_HD constexpr double exp2(double x) {
   return detail::exp2_pair(x, 0.0);
 }
 
-/// The same for float, through double; the correctly rounded result for every float.
+/// The same for float, through double: the correctly rounded result for all floats but two, 0x1.853a6ep-9 and
+/// -0x1.e7526ep-6, where the exact value is so near a tie that the other neighbour comes out.
 PGL_HD constexpr float exp2(float x) {
   if (x != x) return quiet_nan<float>;
   return to_float(exp2(static_cast<double>(x)));
