@@ -35,7 +35,8 @@ template <class Index>
 /// In, all in the original numbering, 0-based, V vertices and T triangles:
 /// - vertices[V]: any trivially copyable payload;
 /// - triangles[T]: corners below V;
-/// - ecol[V]: the vertex that each vertex merges into, or no_target<Index>;
+/// - ecol[V]: the vertex that each vertex merges into, or no_target<Index> (so in a mesh of 65536 vertices with 16-bit
+///   indices nothing can merge into vertex 65535 of the original numbering: rearrange it with 32 bits, then narrow it);
 /// - permute_v[V]: the new place of each vertex, a permutation of 0 .. V-1;
 /// - permute_t[T]: the new place of each triangle, a permutation of 0 .. T-1.
 ///
