@@ -211,13 +211,39 @@ const Json& list(const Json& object, const char* key) {
   return *found;
 }
 
-void check_gltf_json(std::string_view text, std::uint64_t binary_chunk_bytes) {
+/// Which meshes the scene to load places somewhere; only those are read at all.
+std::vector<bool> meshes_in_scene(const Json& root) {
+  const Json &nodes = list(root, "nodes"), &scenes = list(root, "scenes");
+  std::vector<bool> placed(list(root, "meshes").size()), seen(nodes.size());
+  std::vector<std::size_t> stack;
+  const auto visit = [&](const Json& from, const char* key) {
+    const auto children = from.find(key);
+    if (children == from.end() || !children->is_array()) return;
+    for (const Json& child : *children)
+      if (child.is_number_unsigned()) stack.push_back(child.get<std::size_t>());
+  };
+  if (const std::uint64_t scene = get(root, "scene", 0); scene < scenes.size()) visit(scenes[scene], "nodes");
+  while (!stack.empty()) {
+    const std::size_t node = stack.back();
+    stack.pop_back();
+    if (node >= nodes.size() || seen[node]) continue;
+    seen[node] = true;
+    visit(nodes[node], "children");
+    if (const std::uint64_t mesh = get(nodes[node], "mesh", placed.size()); mesh < placed.size()) placed[mesh] = true;
+  }
+  return placed;
+}
+
+/// Returns the number of triangles promised.
+std::uint64_t check_gltf_json(std::string_view text, std::uint64_t binary_chunk_bytes) {
   constexpr std::uint64_t limit = std::uint64_t{1} << 40;
   const Json root = Json::parse(
       text.begin(), text.end(),
       [](int depth, Json::parse_event_t event, Json& parsed) {
-        if (depth != 1 || event != Json::parse_event_t::key) return true;
-        for (const char* key : {"asset", "extensionsRequired", "buffers", "bufferViews", "accessors", "meshes"})
+        if (event != Json::parse_event_t::key) return true;
+        if (depth != 1) return parsed != "matrix" && parsed != "extras";
+        for (const char* key : {"asset", "extensionsRequired", "buffers", "bufferViews", "accessors", "meshes", "nodes",
+                                "scenes", "scene"})
           if (parsed == key) return true;
         return false;
       },
@@ -283,8 +309,11 @@ void check_gltf_json(std::string_view text, std::uint64_t binary_chunk_bytes) {
     if (stride > 65536 || offset + (count - 1) * stride + element > get(views[index], "byteLength", 0))
       fail("malformed: a glTF accessor reaches past its buffer view");
   }
-  for (const Json& mesh : list(root, "meshes"))
-    for (const Json& primitive : list(mesh, "primitives")) {
+  const Json& meshes = list(root, "meshes");
+  const std::vector<bool> placed = meshes_in_scene(root);
+  std::uint64_t triangles = 0;
+  for (std::size_t m = 0; m < meshes.size(); ++m)
+    for (const Json& primitive : list(meshes[m], "primitives")) {
       const auto accessor_of = [&](const Json& from, const char* key) -> const Json* {
         if (!from.contains(key)) return nullptr;
         const std::uint64_t index = get(from, key, limit);
@@ -300,10 +329,15 @@ void check_gltf_json(std::string_view text, std::uint64_t binary_chunk_bytes) {
       const Json* indices = accessor_of(primitive, "indices");
       if (indices && (get(*indices, "componentType", 0) % 2 == 0 || indices->at("type") != "SCALAR"))
         fail("malformed: glTF indices are not unsigned");
+      if (!positions || !placed[m]) continue;
+      const std::uint64_t corners = get(indices ? *indices : *positions, "count", 0), mode = get(primitive, "mode", 4);
+      if (mode == 4) triangles += corners / 3;
+      if (mode == 5 || mode == 6) triangles += corners < 3 ? 0 : corners - 2;  // strip, fan
     }
+  return triangles;
 }
 
-void check_glb(std::string_view bytes) {
+std::uint64_t check_glb(std::string_view bytes) {
   constexpr std::uint64_t header = 12, chunk_header = 8;
   if (bytes.substr(0, 4) != "glTF") fail("malformed: not a GLB file");
   if (bytes.size() < header + chunk_header) fail("truncated: shorter than a GLB header");
@@ -319,7 +353,7 @@ void check_glb(std::string_view bytes) {
     binary = little_endian_u32(bytes, second);
     if (second + chunk_header + binary > length) fail("truncated: the GLB's second chunk is cut");
   }
-  check_gltf_json(bytes.substr(header + chunk_header, text), binary);
+  return check_gltf_json(bytes.substr(header + chunk_header, text), binary);
 }
 
 }  // namespace
@@ -331,13 +365,14 @@ bool has_known_extension(const std::filesystem::path& file) {
   return false;
 }
 
-void check_file(const std::filesystem::path& file) {
+std::uint64_t check_file(const std::filesystem::path& file) {
   const Mapped mapped(file);
   const std::string extension = extension_of(file);
+  if (extension == ".glb") return check_glb(mapped.bytes());
+  if (extension == ".gltf") return check_gltf_json(mapped.bytes(), 0);
   if (extension == ".ply") check_ply(mapped.bytes());
   if (extension == ".stl") check_stl(mapped.bytes());
-  if (extension == ".glb") check_glb(mapped.bytes());
-  if (extension == ".gltf") check_gltf_json(mapped.bytes(), 0);
+  return 0;
 }
 
 }  // namespace pgl::scene

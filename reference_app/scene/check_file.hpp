@@ -2,6 +2,7 @@
 // Checks that the importer library leaves out: headers that promise more than the file holds.
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
 
 namespace pgl::scene {
@@ -13,6 +14,9 @@ bool has_known_extension(const std::filesystem::path& file);
 /// that changes geometry. PLY: every element is there, with lists no longer than the file. STL: the binary count fits,
 /// the text has its last endsolid. glTF: sizes of chunks, buffer views and accessors agree, positions are floats. OBJ
 /// promises nothing, so there is nothing to check. Linear time, one pass over the mapped file.
-void check_file(const std::filesystem::path& file);
+///
+/// Returns the number of triangles that a glTF file promises in the meshes that its scene places, instances not
+/// counted: the importer library silently leaves out those whose indices are out of range. 0 for other formats.
+std::uint64_t check_file(const std::filesystem::path& file);
 
 }  // namespace pgl::scene

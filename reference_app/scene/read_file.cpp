@@ -67,6 +67,30 @@ std::array<std::array<double, 3>, 4> compose(const std::array<std::array<double,
   return result;
 }
 
+/// Throws when an index is out of range or triangles are missing; true when some face has more than three corners.
+/// Makes every mesh say truly which kinds of faces it has: some importers do not, and the step that cuts polygons
+/// aborts then.
+bool check_faces(const aiScene& scene, std::uint64_t promised_triangles) {
+  std::uint64_t triangles = 0;
+  bool polygons = false;
+  for (unsigned m = 0; m < scene.mNumMeshes; ++m) {
+    aiMesh& mesh = *scene.mMeshes[m];
+    mesh.mPrimitiveTypes = 0;
+    for (unsigned f = 0; f < mesh.mNumFaces; ++f) {
+      const aiFace& face = mesh.mFaces[f];
+      for (unsigned k = 0; k < face.mNumIndices; ++k)
+        if (face.mIndices[k] >= mesh.mNumVertices) throw std::runtime_error("a vertex index is out of range");
+      mesh.mPrimitiveTypes |= face.mNumIndices > 3    ? aiPrimitiveType_POLYGON
+                              : face.mNumIndices == 3 ? aiPrimitiveType_TRIANGLE
+                                                      : aiPrimitiveType_LINE;
+      triangles += face.mNumIndices >= 3;
+    }
+    polygons = polygons || (mesh.mPrimitiveTypes & aiPrimitiveType_POLYGON);
+  }
+  if (triangles < promised_triangles) throw std::runtime_error("a vertex index is out of range");
+  return polygons;
+}
+
 /// The meshes of one node as one; points and lines are counted, not kept.
 MeshData merge(const aiScene& scene, const std::vector<unsigned>& parts, std::uint64_t& points_and_lines) {
   MeshData mesh;
@@ -81,8 +105,6 @@ MeshData merge(const aiScene& scene, const std::vector<unsigned>& parts, std::ui
     for (unsigned f = 0; f < from.mNumFaces; ++f) {
       const aiFace& face = from.mFaces[f];
       if (face.mNumIndices < 3) ++points_and_lines;
-      for (unsigned k = 0; k < face.mNumIndices; ++k)
-        if (face.mIndices[k] >= from.mNumVertices) throw std::runtime_error("a triangle index is out of range");
       const auto corner = [&](unsigned k) { return static_cast<std::uint32_t>(first + face.mIndices[k]); };
       for (unsigned k = 2; k < face.mNumIndices; ++k) mesh.triangles.push_back({{corner(0), corner(k - 1), corner(k)}});
     }
@@ -105,16 +127,18 @@ class Reporter : public Assimp::ProgressHandler {
 };
 
 void parse_and_send(const std::filesystem::path& file, std::FILE* out) {
-  check_file(file);
-  auto* importer =
-      new Assimp::Importer;  // never destroyed: the process ends, and a deep node tree cannot overflow the stack
+  const std::uint64_t promised_triangles = check_file(file);
+  // Never destroyed: the process ends, and a deep node tree cannot overflow the stack then.
+  auto* importer = new Assimp::Importer;
   importer->SetProgressHandler(new Reporter(out));
-  const aiScene* scene = importer->ReadFile(file.native(), aiProcess_Triangulate);
+  const aiScene* scene = importer->ReadFile(file.native(), 0);
   if (!scene || !scene->mRootNode)
     throw std::runtime_error(std::string("cannot be read: ") + importer->GetErrorString());
+  if (check_faces(*scene, promised_triangles)) scene = importer->ApplyPostProcessing(aiProcess_Triangulate);
+  if (!scene) throw std::runtime_error("cannot be read: its polygons cannot be cut into triangles");
 
-  std::map<std::vector<unsigned>, std::uint64_t>
-      known;  // the meshes of a node -> our mesh, or no_mesh if without triangles
+  // From the meshes of a node to ours; no_mesh where they have no triangles.
+  std::map<std::vector<unsigned>, std::uint64_t> known;
   constexpr std::uint64_t no_mesh = ~std::uint64_t{0};
   std::uint64_t mesh_count = 0, points_and_lines = 0;
   std::vector<Placement> stack{
@@ -182,7 +206,10 @@ void limit_resources(std::uint64_t file_bytes) {
   } catch (...) {
     problem = "cannot be read";
   }
-  if (!problem.empty()) {
+  if (!problem.empty()) {  // may quote the file, and at length
+    std::replace_if(
+        problem.begin(), problem.end(), [](unsigned char c) { return c < 32 || c > 126; }, '?');
+    problem.resize(std::min<std::size_t>(problem.size(), 160));
     send(out, Record{Tag::error, problem.size()});
     send(out, problem.data(), problem.size());
   } else {
@@ -226,7 +253,7 @@ std::string reason_of_death(int signal) {
 FileContent read_file(const std::filesystem::path& file, const Progress& progress) {
   std::error_code problem;
   const auto status = std::filesystem::status(file, problem);
-  if (!std::filesystem::exists(status)) throw Error(file, problem ? problem.message() : "no such file");
+  if (!std::filesystem::exists(status)) throw Error(file, problem ? problem.message() : "does not exist");
   if (std::filesystem::is_directory(status)) throw Error(file, "is a directory");
   if (!std::filesystem::is_regular_file(status)) throw Error(file, "is not a regular file");
   const std::uint64_t bytes = std::filesystem::file_size(file, problem);
