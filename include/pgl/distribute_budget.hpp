@@ -79,14 +79,39 @@ PGL_HD constexpr double weight_log2(double x) {
   return ieee::add(static_cast<double>(e), ieee::mul(ieee::mul(s, 0x1.71547652b82fep+1), series));
 }
 
+/// Takes 2^x for x in [-64, 0], x rounded to a multiple of 2^-38 first: within a factor of 1 +- 2^-41 of the power of
+/// what it is rounded to, exactly for integers, and never decreasing, since neighbours on that grid are further apart.
+///
+/// A share of 31 bits needs no more. x = k + f with |f| <= 1/2, 2^f = 1 + w + w^2/2! + ... + w^10/10!, w = f ln 2.
+PGL_HD constexpr double share_exp2(double x) {
+  constexpr double grid = 0x1.8p14;      // the last place of numbers about this size is 2^-38 ...
+  constexpr double integers = 0x1.8p52;  // ... and of these 1
+  const double rounded = ieee::sub(ieee::add(x, grid), grid);
+  const double k = ieee::sub(ieee::add(rounded, integers), integers);
+  const double w = ieee::mul(ieee::sub(rounded, k), 0x1.62e42fefa39efp-1);
+  double series = 1.0 / 3628800;
+  series = ieee::add(ieee::mul(series, w), 1.0 / 362880);
+  series = ieee::add(ieee::mul(series, w), 1.0 / 40320);
+  series = ieee::add(ieee::mul(series, w), 1.0 / 5040);
+  series = ieee::add(ieee::mul(series, w), 1.0 / 720);
+  series = ieee::add(ieee::mul(series, w), 1.0 / 120);
+  series = ieee::add(ieee::mul(series, w), 1.0 / 24);
+  series = ieee::add(ieee::mul(series, w), 1.0 / 6);
+  series = ieee::add(ieee::mul(series, w), 0.5);
+  series = ieee::add(ieee::mul(series, w), 1.0);
+  series = ieee::add(ieee::mul(series, w), 1.0);
+  return ieee::mul(series, ieee::from_bits<double>(static_cast<std::uint64_t>(1023 + static_cast<int>(k)) << 52));
+}
+
 }  // namespace detail
 
 /// Computes what an object is worth: log2 of A/D * P^(alpha - 1), P its full vertex count ([Peng13] Eq 2.3 without the
 /// factor alpha - 1, which all objects share, so that it changes neither the order nor the shares).
 ///
 /// This float *is* the weight from here on: heavier means a larger value, ties go to the lower index. It is the nearest
-/// float of a double that is off by a few units in the last place of its largest term, never NaN, +infinity or -0, and
-/// at most 2300 in magnitude. A larger area, a smaller depth or a larger mesh never makes an object lighter.
+/// float of a double that is off by at most alpha * 2^-40 and four units in the last place of its larger term; never
+/// NaN, +infinity or -0, and at most 2300 in magnitude. A larger area, a smaller depth or a larger mesh never makes an
+/// object lighter.
 ///
 /// -infinity means not eligible: an area of 0, below the threshold or NaN (negative ones too), an infinite or NaN
 /// depth, a mesh without vertices, and with BudgetPolicy::exact a minimum above the budget. An infinite area counts as
@@ -108,15 +133,15 @@ PGL_HD inline float log_weight(float area, float depth, std::uint32_t min_vertic
 /// Computes an object's part of the budget as an integer: round(2^31 * (w / w_max)^(1/alpha)), the numerator of
 /// [Peng13] Eq 2.3 relative to the heaviest object, so that nothing overflows and sums do not depend on their order.
 ///
-/// 2^31 for the heaviest object, 0 for one that is not eligible or below 2^-32 of the heaviest. Within 0.501 of the
-/// exact value for the two floats given. A heavier object never has less: the exponent is rounded to multiples of
-/// 2^-40, which are far wider apart than the error of exp2.
-/// Precondition: log_weight <= heaviest, neither is NaN, alpha in (1, 64].
+/// 2^31 for the heaviest object, 0 for one that is not eligible or below 2^-32 of the heaviest. Within 0.51 of the exact
+/// value for the two floats given. A heavier object never has less.
+/// Preconditions: log_weight <= heaviest, neither NaN nor +infinity (heaviest is not read where log_weight is
+/// -infinity); alpha in (1, 64].
 PGL_HD inline std::uint32_t share_weight(float log_weight, float heaviest, float alpha) {
   if (!(log_weight > -ieee::infinity<float>)) return 0;
   const double below = ieee::sub(static_cast<double>(log_weight), static_cast<double>(heaviest));
   const double exponent = ieee::max(ieee::div(below, static_cast<double>(alpha)), -64.0);
-  return static_cast<std::uint32_t>(ieee::add(ieee::mul(ieee::exp2(exponent), 2147483648.0), 0.5));
+  return static_cast<std::uint32_t>(ieee::add(ieee::mul(detail::share_exp2(exponent), 2147483648.0), 0.5));
 }
 
 /// Computes the vertex count that an eligible object starts with: floor(N * share / share_sum), clamped to the object's
