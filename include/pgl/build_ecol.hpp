@@ -237,13 +237,16 @@ PGL_HD constexpr bool keeps_open_edges(std::uint32_t vw, std::uint32_t uw, std::
   return u_on_boundary ? (!open_after || vw == 1 || uw == 1) : open_after == (vw == 1);
 }
 
-/// Whether a triangle with these normals (triangle_normal's, before and after) turned by more than acos(0.2), about 78
-/// degrees, or lost its area. A triangle that had no area before never counts as flipped.
-PGL_HD inline bool flips(const Vector<double>& before, const Vector<double>& after) {
+/// Whether triangle (corner, a, b) turns by more than acos(0.2), about 78 degrees, or loses its area, when its corner
+/// moves. A triangle that had no area before never counts as flipped.
+PGL_HD inline bool flips(const Vector<double>& a, const Vector<double>& b, const Vector<double>& corner_before,
+                         const Vector<double>& corner_after) {
+  const Vector<double> ab = difference(b, a);
+  const Vector<double> before = cross_product(ab, difference(corner_before, a));
+  const Vector<double> after = cross_product(ab, difference(corner_after, a));
   const double bb = dot_product(before, before);
-  if (!(bb > 0)) return false;
   const double d = dot_product(before, after);
-  return !(d > 0 && ieee::mul(d, d) > ieee::mul(ieee::mul(0.04, bb), dot_product(after, after)));
+  return bb > 0 && !(d > 0 && ieee::mul(d, d) > ieee::mul(ieee::mul(0.04, bb), dot_product(after, after)));
 }
 
 }  // namespace pgl

@@ -62,6 +62,11 @@ class VertexHeap {
   std::uint32_t top() const { return vertex_of(entries_.front()); }
   bool contains(std::uint32_t v) const { return place_[v] != none; }
 
+  /// The entries that may be next after the top. Precondition: not empty.
+  std::span<const Entry> runners_up() const {
+    return std::span<const Entry>(entries_).subspan(1, std::min(arity, entries_.size() - 1));
+  }
+
   /// Appends without order; make_heap() orders all.
   void append(Cost cost, std::uint32_t v) {
     place_[v] = static_cast<std::uint32_t>(entries_.size());
@@ -170,6 +175,8 @@ class EcolWorkspace {
     bool movable;                         ///< may go at all
     bool rejected;                        ///< candidates cheaper than `target` were found invalid
     bool boundary;                        ///< on an open edge
+    bool balanced;  ///< its wedges name the same vertices, equally often, as `next` and as `previous`: looking at one
+                    ///< is enough. Collapsing keeps this true of every vertex whose own two parts have it.
   };
   /// A triangle as one of its corners sees it: the other two, in the triangle's winding.
   struct Wedge {
@@ -261,8 +268,7 @@ class Collapser {
         for (const std::uint32_t v : tri.v) add_plane(v, unit, triangle_weight(n));
     }
     stamp_ = 0;
-    set_up_boundary(triangles);
-    set_up_heap();
+    set_up_candidates(triangles);
   }
 
   /// Performs the next collapse. False when none is valid.
@@ -303,16 +309,20 @@ class Collapser {
     ring_size_ = 0;
     const auto around = wedges(u);
     if (w_.ring_.size() < 2 * around.size()) w_.ring_.resize(2 * around.size());
-    for (const Wedge& wedge : around) {
-      visit(wedge.next);
-      visit(wedge.previous);
+    if (w_.state_[u].balanced) {
+      for (const Wedge& wedge : around) visit(wedge.next, 2);
+    } else {
+      for (const Wedge& wedge : around) {
+        visit(wedge.next, 1);
+        visit(wedge.previous, 1);
+      }
     }
   }
-  void visit(std::uint32_t x) {  // without branches: whether x is new is a coin toss
+  void visit(std::uint32_t x, std::uint32_t uses) {  // without branches: whether x is new is a coin toss
     auto& n = w_.near_[x];
     const bool is_new = n.stamp != stamp_;
     n.stamp = stamp_;
-    n.uses_u = is_new ? 1 : n.uses_u + 1;
+    n.uses_u = is_new ? uses : n.uses_u + uses;
     n.uses_v = n.thirds = 0;
     w_.ring_[ring_size_] = x;
     ring_size_ += is_new;
@@ -325,38 +335,44 @@ class Collapser {
   }
 
   template <class Index>
-  void set_up_boundary(std::span<const Triangle<Index>> triangles) {
-    const auto vertices = static_cast<std::uint32_t>(w_.near_.size());
-    for (std::uint32_t u = 0; u < vertices; ++u) {
-      visit_ring(u);
-      auto& s = w_.state_[u];
-      s.boundary = open_edges() != 0;
-      if (!s.boundary) continue;
-      if (o_.boundary == BoundaryRule::locked) {
-        s.movable = false;
-      } else if (with_quadrics_) {
-        for (const Wedge& wedge : wedges(u)) {
-          const auto& tri = triangles[wedge.triangle].v;
-          const Vector<Real> n = triangle_normal(position(tri[0]), position(tri[1]), position(tri[2]));
-          for (int c = 0; c < 3; ++c) {
-            const std::uint32_t a = tri[c], b = tri[(c + 1) % 3];
-            if ((a != u && b != u) || w_.near_[a == u ? b : a].uses_u != 1) continue;
-            add_plane(u, open_edge_plane(position(a), position(b), n),
-                      open_edge_weight(position(a), position(b), static_cast<Real>(o_.boundary_penalty)));
-          }
-        }
-      }
-    }
-  }
-
-  void set_up_heap() {
+  void set_up_candidates(std::span<const Triangle<Index>> triangles) {
     w_.heap_.reset(w_.near_.size());
     for (std::uint32_t u = 0; u < w_.near_.size(); ++u) {
-      if (!w_.state_[u].movable) continue;
+      auto& s = w_.state_[u];
+      visit_ring(u);
+      for (const Wedge& wedge : wedges(u)) {  // uses_v serves as the count of next minus previous
+        ++w_.near_[wedge.next].uses_v;
+        --w_.near_[wedge.previous].uses_v;
+      }
+      s.boundary = false;
+      s.balanced = true;
+      for (const std::uint32_t x : ring()) {
+        s.boundary = s.boundary || w_.near_[x].uses_u == 1;
+        s.balanced = s.balanced && w_.near_[x].uses_v == 0;
+      }
+      if (s.boundary && o_.boundary == BoundaryRule::locked) s.movable = false;
+      if (!s.movable && o_.boundary == BoundaryRule::locked) continue;
+      if (s.boundary && with_quadrics_) add_open_edges(u, triangles);
+      if (!s.movable) continue;
       find(u, false, 0, 0);
-      if (w_.state_[u].target != none) w_.heap_.append(w_.state_[u].cost, u);
+      if (s.target != none) w_.heap_.append(s.cost, u);
     }
     w_.heap_.make_heap();
+  }
+
+  /// The planes of u's open edges, with u's ring visited.
+  template <class Index>
+  void add_open_edges(std::uint32_t u, std::span<const Triangle<Index>> triangles) {
+    for (const Wedge& wedge : wedges(u)) {
+      const auto& tri = triangles[wedge.triangle].v;
+      const Vector<Real> n = triangle_normal(position(tri[0]), position(tri[1]), position(tri[2]));
+      for (int c = 0; c < 3; ++c) {
+        const std::uint32_t a = tri[c], b = tri[(c + 1) % 3];
+        if ((a != u && b != u) || w_.near_[a == u ? b : a].uses_u != 1) continue;
+        add_plane(u, open_edge_plane(position(a), position(b), n),
+                  open_edge_weight(position(a), position(b), static_cast<Real>(o_.boundary_penalty)));
+      }
+    }
   }
 
   /// The cost of u -> x. Melax cost, and a boundary vertex, need u's ring visited.
@@ -396,37 +412,17 @@ class Collapser {
       const bool better = r < best && !(after && !(floor < r));
       best = better ? r : best;
     };
-    if (o_.boundary == BoundaryRule::slide || o_.metric == CostMetric::melax) {
-      visit_ring(u);
+    visit_ring(u);
+    if (o_.metric == CostMetric::quadric && o_.boundary == BoundaryRule::locked) {
+      const Quadric<Real> q = s.quadric;
+      const Vector<Real> p = position(u);
+      for (const std::uint32_t x : ring()) consider(evaluate(q, difference(position(x), p)), x);
+    } else {
       const std::size_t open = o_.boundary == BoundaryRule::slide ? open_edges() : 0;
       s.boundary = open != 0;
       if (open == 0 || open == 2)
         for (const std::uint32_t x : ring())
           if (open == 0 || w_.near_[x].uses_u == 1) consider(cost(u, x), x);
-    } else if (o_.metric == CostMetric::edge_length) {
-      for (const Wedge& wedge : wedges(u))
-        for (const std::uint32_t x : {wedge.next, wedge.previous}) consider(cost(u, x), x);
-    } else {
-      // Most neighbours are seen twice, which is cheaper than telling them apart; a batch is one vector loop.
-      constexpr std::size_t batch = 16;
-      const Quadric<Real> q = s.quadric;
-      const Vector<Real> p = position(u);
-      const auto around = wedges(u);
-      for (std::size_t first = 0; first < around.size(); first += batch / 2) {
-        const std::size_t count = std::min(around.size() - first, batch / 2);
-        Vector<Real> to[batch];
-        Real value[batch];
-        for (std::size_t i = 0; i < batch / 2; ++i) {
-          const Wedge& wedge = around[first + (i < count ? i : 0)];
-          to[2 * i] = position(wedge.next);
-          to[2 * i + 1] = position(wedge.previous);
-        }
-        for (std::size_t i = 0; i < batch; ++i) value[i] = evaluate(q, difference(to[i], p));
-        for (std::size_t i = 0; i < count; ++i) {
-          consider(value[2 * i], around[first + i].next);
-          consider(value[2 * i + 1], around[first + i].previous);
-        }
-      }
     }
     s.target = vertex_of(best);
     s.cost = cost_of(best);
@@ -443,11 +439,11 @@ class Collapser {
   /// Whether u -> v is allowed now. Leaves u's ring visited, with all counts set if it is.
   bool valid(std::uint32_t u, std::uint32_t v) {
     visit_ring(u);
+    for (const std::uint32_t x : ring()) prefetch(w_.state_.data() + x);
     for (const Wedge& wedge : wedges(u)) {
       w_.near_[wedge.previous].thirds += wedge.next == v;
       w_.near_[wedge.next].thirds += wedge.previous == v;
     }
-    for (const std::uint32_t x : ring()) prefetch(w_.state_.data() + x);
     for (const Wedge& wedge : wedges(v)) {
       const std::uint32_t a = wedge.next, b = wedge.previous;
       const bool near_a = is_current(a), near_b = is_current(b);  // u is not in its own ring
@@ -480,8 +476,7 @@ class Collapser {
     const Vector<double> from = wide(u), to = wide(v);
     for (const Wedge& wedge : wedges(u)) {
       if (wedge.next == v || wedge.previous == v) continue;
-      const Vector<double> a = wide(wedge.next), b = wide(wedge.previous);
-      if (flips(triangle_normal(from, a, b), triangle_normal(to, a, b))) return true;
+      if (flips(wide(wedge.next), wide(wedge.previous), from, to)) return true;
     }
     return false;
   }
@@ -491,6 +486,12 @@ class Collapser {
     from_ = u;
     to_ = v;
     for (const std::uint32_t x : ring()) prefetch(w_.wedges_.data() + w_.state_[x].first);
+    for (const auto& next : w_.heap_.runners_up()) {
+      const auto& s = w_.state_[vertex_of(next)];
+      prefetch(w_.wedges_.data() + s.first);
+      prefetch(w_.state_.data() + s.target);
+      prefetch(w_.near_.data() + s.target);
+    }
     const bool u_on_boundary = w_.state_[u].boundary;
     if (with_quadrics_) merge_quadrics(u, v);
     move_triangles(u, v);
@@ -538,9 +539,12 @@ class Collapser {
     w_.degenerate_.clear();
 
     auto& sv = w_.state_[v];
+    sv.balanced = sv.balanced && w_.state_[u].balanced;
     std::uint32_t kept = 0;
-    for (const Wedge& wedge : wedges(v))
-      if (wedge.next != u && wedge.previous != u) w_.wedges_[sv.first + kept++] = wedge;
+    for (Wedge* list = wedges(v).data(); const Wedge wedge : wedges(v)) {
+      list[kept] = wedge;
+      kept += wedge.next != u && wedge.previous != u;
+    }
     sv.size = kept;
     const std::uint32_t most = sv.size + w_.state_[u].size;
     if (most > sv.capacity) {
