@@ -27,7 +27,7 @@ namespace pgl::host {
 /// the result does not depend on the number of threads.
 template <class Placed, class Vertex>
 void gather(std::span<const Mesh> meshes, std::span<const Object> objects, std::span<const Vertex> vertices,
-            std::span<const std::uint32_t> counts, std::span<const std::uint64_t> vertex_offsets,
+            [[maybe_unused]] std::span<const std::uint32_t> counts, std::span<const std::uint64_t> vertex_offsets,
             std::span<Placed> out) {
   PGL_ASSERT(counts.size() == objects.size() && vertex_offsets.size() == objects.size() + 1);
   PGL_ASSERT(vertex_offsets.front() == 0 && vertex_offsets.back() <= out.size());
