@@ -1,0 +1,70 @@
+// SPDX-License-Identifier: MIT
+// Calls the rules from a kernel, so that their device code is compiled and not only parsed.
+#include <cstdint>
+
+#include "pgl/bounds.hpp"
+#include "pgl/build_ecol.hpp"
+#include "pgl/cull_frustum.hpp"
+#include "pgl/distribute_budget.hpp"
+#include "pgl/gather.hpp"
+#include "pgl/ieee.hpp"
+#include "pgl/project.hpp"
+#include "pgl/rearrange.hpp"
+#include "pgl/reform.hpp"
+#include "pgl/types.hpp"
+
+namespace ieee = pgl::ieee;
+
+template <class T>
+__device__ T all_of_ieee(T a, T b, T c) {
+  T r = ieee::add(ieee::mul(a, b), ieee::sub(c, ieee::div(a, b)));
+  r = ieee::add(r, ieee::fma(a, b, ieee::sqrt(c)));
+  r = ieee::add(r, ieee::pow(ieee::exp2(a), ieee::log2(b)));
+  r = ieee::add(r, ieee::next_up(ieee::min(a, ieee::next_down(ieee::max(b, c)))));
+  r = ieee::add(r, ieee::is_finite(r) ? ieee::infinity<T> : ieee::quiet_nan<T>);
+  return ieee::from_bits<T>(ieee::to_bits(r) ^ ieee::order_key(r));
+}
+
+__global__ void ieee_kernel(float* floats, double* doubles) {
+  const unsigned i = blockIdx.x * blockDim.x + threadIdx.x;
+  floats[i] = all_of_ieee(floats[i], floats[i + 1], floats[i + 2]);
+  doubles[i] = all_of_ieee(doubles[i], doubles[i + 1], doubles[i + 2]);
+  floats[i] = ieee::add(floats[i], ieee::to_float(doubles[i]));
+}
+
+__global__ void object_kernel(const pgl::Object* objects, const pgl::Box* boxes, pgl::View view,
+                              pgl::BudgetOptions options, pgl::ScreenBox* rectangles, float* weights,
+                              std::uint32_t* shares) {
+  const unsigned i = blockIdx.x * blockDim.x + threadIdx.x;
+  const pgl::Box box = pgl::transform(boxes[objects[i].mesh], objects[i].transform);
+  rectangles[i] = pgl::in_frustum(box, view) ? pgl::project(box, view) : pgl::ScreenBox{};
+  weights[i] = pgl::log_weight(pgl::projected_area(rectangles[i]), rectangles[i].depth, 4, 400, options);
+  shares[i] = pgl::share_weight(weights[i], weights[0], options.alpha);
+  shares[i] += pgl::mirrored(objects[i].transform) ? 1u : 0u;
+}
+
+__global__ void vertex_kernel(const pgl::Object* objects, const glm::vec3* vertices, const std::uint32_t* ecol,
+                              const pgl::Triangle<std::uint32_t>* triangles, pgl::PlacedVertex* placed,
+                              pgl::Triangle<std::uint32_t>* out, std::uint32_t count) {
+  const unsigned i = blockIdx.x * blockDim.x + threadIdx.x;
+  pgl::place(objects[0], 0, vertices[i], placed[i]);
+  pgl::Triangle<std::uint32_t> t = pgl::rearranged_triangle(triangles[i], ecol);
+  std::uint64_t steps = 1u << 10;
+  for (std::uint32_t& v : t.v) v = pgl::follow_collapses(ecol, count, v, steps);
+  out[i] = pgl::drawn_triangle<std::uint32_t>(t, i, pgl::mirrored(objects[0].transform));
+}
+
+template <class Real>
+__device__ Real cost(const glm::vec3* vertices, const pgl::Box& box) {
+  const pgl::Normalisation n = pgl::normalisation(box);
+  const auto a = pgl::normalise<Real>(vertices[0], n), b = pgl::normalise<Real>(vertices[1], n),
+             c = pgl::normalise<Real>(vertices[2], n);
+  pgl::Quadric<Real> quadric{};
+  pgl::add_plane(quadric, pgl::direction(pgl::triangle_normal(a, b, c)), Real(1));
+  return pgl::evaluate(quadric, pgl::difference(a, b));
+}
+
+__global__ void cost_kernel(const glm::vec3* vertices, const pgl::Box* boxes, double* costs) {
+  const unsigned i = blockIdx.x * blockDim.x + threadIdx.x;
+  costs[i] = ieee::add(cost<double>(vertices + i, boxes[i]), static_cast<double>(cost<float>(vertices + i, boxes[i])));
+}
