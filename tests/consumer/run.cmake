@@ -1,0 +1,23 @@
+# Configures, builds and runs the consumer. Arguments: SOURCE, BUILD (pgl's build tree), WORK, FROM, GENERATOR, COMPILER.
+function(must)
+  execute_process(COMMAND ${ARGN} RESULT_VARIABLE result OUTPUT_VARIABLE output ERROR_VARIABLE output)
+  if(result)
+    message(FATAL_ERROR "${ARGN}\n${output}")
+  endif()
+endfunction()
+
+file(REMOVE_RECURSE ${WORK})
+set(how -D PGL_FROM=${FROM} -D PGL_SOURCE_DIR=${SOURCE})
+if(FROM STREQUAL "find_package")
+  must(${CMAKE_COMMAND} --install ${BUILD} --prefix ${WORK}/prefix)
+  list(APPEND how -D CMAKE_PREFIX_PATH=${WORK}/prefix)
+elseif(FROM STREQUAL "FetchContent")
+  # A clean copy, as a download would be: FetchContent copies the whole folder.
+  file(COPY ${SOURCE}/CMakeLists.txt ${SOURCE}/cmake ${SOURCE}/include ${SOURCE}/LICENSE DESTINATION ${WORK}/download/pgl)
+  must(${CMAKE_COMMAND} -E chdir ${WORK}/download ${CMAKE_COMMAND} -E tar czf pgl.tar.gz pgl)
+  set(how -D PGL_FROM=${FROM} -D PGL_SOURCE_DIR=${WORK}/download/pgl.tar.gz)
+endif()
+must(${CMAKE_COMMAND} -S ${SOURCE}/tests/consumer -B ${WORK}/build -G ${GENERATOR} -D CMAKE_CXX_COMPILER=${COMPILER} ${how})
+must(${CMAKE_COMMAND} --build ${WORK}/build)
+must(${WORK}/build/consumer)
+must(${WORK}/build/rules_only)
