@@ -84,7 +84,7 @@ TEST(BoundsProps, DoNotDependOnTheNumberOfThreads) {
     }
   const std::vector<pgl::Object> objects(20000);
   const std::vector<Box> meshes{Box{{-1, -2, -3}, {1, 2, 3}}};
-  const Box box = pgl::host::bounds(positions);
+  [[maybe_unused]] const Box box = pgl::host::bounds(positions);
   std::vector<Box> placed(objects.size());
   pgl::host::object_bounds(objects, meshes, placed);
 #if defined(_OPENMP)

@@ -85,6 +85,15 @@ RC_GTEST_PROP(CullFrustumProps, dropsOnlyBoxesWithoutAPointInside, ()) {
   }
 }
 
+/// Whether the box is outside by more than rounding in double can hide.
+bool is_clearly_outside(const exact::HalfSpace& h, const Box& box) {
+  exact::Number terms = abs(h[3]);
+  for (int axis = 0; axis < 3; ++axis)
+    terms += abs(h[static_cast<std::size_t>(axis)]) *
+             std::max(abs(exact::Number(box.min[axis])), abs(exact::Number(box.max[axis])));
+  return exact::largest(h, box) < -terms * exact::Number(0x1p-49);
+}
+
 RC_GTEST_PROP(CullFrustumProps, dropsEveryBoxClearlyOutsideAHalfSpace, ()) {
   for (int repeat = 0; repeat < 100; ++repeat) {
     const Kind k = numbers::kind();
@@ -92,16 +101,46 @@ RC_GTEST_PROP(CullFrustumProps, dropsEveryBoxClearlyOutsideAHalfSpace, ()) {
     const Box box = numbers::box_near(view, k);
     bool clearly = false, outside = false;
     for (const exact::HalfSpace& h : exact::half_spaces(view)) {
-      exact::Number terms = abs(h[3]);
-      for (int axis = 0; axis < 3; ++axis)
-        terms += abs(h[static_cast<std::size_t>(axis)]) *
-                 std::max(abs(exact::Number(box.min[axis])), abs(exact::Number(box.max[axis])));
-      const exact::Number most = exact::largest(h, box);
-      outside |= most < 0;
-      clearly |= most < -terms * exact::Number(0x1p-49);
+      outside |= exact::largest(h, box) < 0;
+      clearly |= is_clearly_outside(h, box);
     }
     if (clearly) RC_ASSERT(!pgl::in_frustum(box, view));
     if (!outside) RC_ASSERT(pgl::in_frustum(box, view));
+  }
+}
+
+/// A view and a point at which the largest terms of w cancel exactly, so that what is left, by 20 to 70 binary orders
+/// smaller, decides: plain double arithmetic is often wrong about it.
+View cancelling_view(glm::vec3& p) {
+  View view;
+  view.depth_range = numbers::whole(0, 1) ? pgl::DepthRange::zero_to_one : pgl::DepthRange::minus_one_to_one;
+  const float small = std::ldexp(1.0f, -numbers::whole(20, 70));
+  glm::mat4& m = view.clip_from_world;
+  for (int column = 0; column < 4; ++column)
+    for (int row = 0; row < 4; ++row) m[column][row] = small * numbers::number(Kind::plain) * (row < 3 ? 0.25f : 1.0f);
+  p = numbers::point(Kind::plain);
+  const int i = numbers::whole(0, 2), j = (i + numbers::whole(1, 2)) % 3;
+  p[j] = p[i];
+  m[i].w = numbers::number(Kind::plain);
+  m[j].w = -m[i].w;
+  return view;
+}
+
+RC_GTEST_PROP(CullFrustumProps, keepsAPointInsideWhereTheLargestTermsCancel, ()) {
+  for (int repeat = 0; repeat < 100; ++repeat) {
+    glm::vec3 p;
+    const View view = cancelling_view(p);
+    if (exact::is_inside(view, exact::point(p))) RC_ASSERT(pgl::in_frustum(Box{p, p}, view));
+  }
+}
+
+RC_GTEST_PROP(CullFrustumProps, dropsAPointClearlyOutsideWhereTheLargestTermsCancel, ()) {
+  for (int repeat = 0; repeat < 100; ++repeat) {
+    glm::vec3 p;
+    const View view = cancelling_view(p);
+    bool clearly = false;
+    for (const exact::HalfSpace& h : exact::half_spaces(view)) clearly |= is_clearly_outside(h, Box{p, p});
+    if (clearly) RC_ASSERT(!pgl::in_frustum(Box{p, p}, view));
   }
 }
 

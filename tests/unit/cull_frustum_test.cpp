@@ -150,6 +150,24 @@ TEST(CullFrustum, ReachesTheEndsOfFloatsRange) {
   EXPECT_FALSE(pgl::in_frustum(Box{glm::vec3(-largest), glm::vec3(-largest)}, v));
 }
 
+TEST(CullFrustum, KeepsAPointThatPlainDoublesLose) {
+  // w = x + y - z - 0.5 = 0.5 at p; the sum from the left in double gives -0.5.
+  View v = camera();
+  v.clip_from_world = glm::mat4(0.0f);
+  v.clip_from_world[0].w = v.clip_from_world[1].w = 1;
+  v.clip_from_world[2].w = -1;
+  v.clip_from_world[3].w = -0.5f;
+  const glm::vec3 p(0x1p80f, 1, 0x1p80f);
+  EXPECT_TRUE(pgl::in_frustum(Box{p, p}, v));
+  // The same in a coefficient: w + x = (1 + 2^-60) x - y - 2^-61, lost when 1 + 2^-60 is rounded.
+  v.clip_from_world[0] = glm::vec4(0x1p-60f, 0, 0, 1);
+  v.clip_from_world[1] = glm::vec4(0, 0, 0, -1);
+  v.clip_from_world[2] = glm::vec4(0, 0, 0, 1);
+  v.clip_from_world[3] = glm::vec4(-0x1p-61f, 0, 0, 0);
+  EXPECT_TRUE(pgl::in_frustum(Box{{1, 1, 0x1p-50f}, {1, 1, 0x1p-50f}}, v));
+  EXPECT_TRUE(pgl::in_frustum(Box{{1, 1, 0x1p-61f}, {1, 1, 0x1p-61f}}, v));
+}
+
 TEST(CullFrustum, TakesNoBoxes) {
   pgl::host::cull_frustum({}, camera(), {});
 }
