@@ -40,26 +40,36 @@ void each_corner(const Box& box, Visit&& visit) {
   }
 }
 
-/// A camera that looks from a raised corner and has the whole (non-empty) box in the picture.
+/// A camera that looks from a raised corner, as near as it can be with the whole (non-empty) box in the picture.
 inline Camera fit_camera(const Box& box, const glm::dvec3& up, double fov_degrees, double aspect) {
+  // Two horizontal directions that go with the up axis; the view is from between them and above.
+  const glm::dvec3 side(up.z, up.x, up.y);
+  const glm::dvec3 front = glm::cross(side, up);
   Camera camera;
   camera.up = up;
   camera.fov_degrees = fov_degrees;
-  camera.target = 0.5 * (glm::dvec3(box.min) + glm::dvec3(box.max));
-  // Two horizontal directions that go with the up axis, the view from between them and above.
-  const glm::dvec3 side(up.z, up.x, up.y);
-  const glm::dvec3 front = glm::cross(side, up);
-  camera.eye = camera.target + glm::normalize(0.55 * side + 0.8 * front + 0.5 * up);
+  camera.eye = glm::normalize(0.55 * side + 0.8 * front + 0.5 * up);
   const CameraAxes axes = axes_of(camera);
-  const double slope = std::tan(glm::radians(fov_degrees) / 2.0);
-  double distance = 0.0;
+
+  // In the camera's axes, from the middle of the box: a corner c is in the picture of an eye at (x, y, z) where
+  // |c.x - x| <= slope.x * (c.z - z), and the same in y. The farthest forward z that satisfies all corners, and the
+  // middle of the x and y that do.
+  const glm::dvec3 middle = 0.5 * (glm::dvec3(box.min) + glm::dvec3(box.max));
+  const double slope_y = 0.94 * std::tan(glm::radians(fov_degrees) / 2.0);
+  const glm::dvec2 slope(slope_y * aspect, slope_y);
+  glm::dvec2 low(-std::numeric_limits<double>::infinity()), high(std::numeric_limits<double>::infinity());
   each_corner(box, [&](const glm::dvec3& corner) {
-    const glm::dvec3 c = corner - camera.target;
-    const double need = std::max(std::abs(glm::dot(c, axes.right)) / aspect, std::abs(glm::dot(c, axes.up))) / slope;
-    distance = std::max(distance, need - glm::dot(c, axes.forward));
+    const glm::dvec3 d = corner - middle;
+    const glm::dvec2 c(glm::dot(d, axes.right), glm::dot(d, axes.up));
+    low = glm::max(low, c - slope * glm::dot(d, axes.forward));
+    high = glm::min(high, c + slope * glm::dot(d, axes.forward));
   });
-  if (!(distance > 0.0)) distance = 1.0;  // a single point
-  camera.eye = camera.target - axes.forward * (distance * 1.02);
+  const glm::dvec2 reach = (high - low) / (2.0 * slope);
+  const glm::dvec2 eye = (low + high) / 2.0;
+  double z = std::min(reach.x, reach.y);
+  if (!(z < 0.0)) z = -1.0;  // a single point
+  camera.target = middle + axes.right * eye.x + axes.up * eye.y;
+  camera.eye = camera.target + axes.forward * z;
   return camera;
 }
 

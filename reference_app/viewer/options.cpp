@@ -7,7 +7,6 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
-#include <filesystem>
 #include <functional>
 #include <limits>
 #include <stdexcept>
@@ -96,6 +95,7 @@ std::optional<Options> parse_options(int argc, const char* const* argv) {
   app.set_version_flag("--version", "pgl_viewer " + pgl_version());
 
   app.add_option("files", options.files, "Models: OBJ, PLY, STL, glTF, GLB; none: a made-up plant")->type_name("");
+  app.option_defaults()->multi_option_policy(CLI::MultiOptionPolicy::TakeLast);  // an option given twice: the last
   CLI::Option* objects = parser.add_number("--objects", options.plant.objects, std::size_t{1}, std::size_t{718'000},
                                            "Objects of the plant [2000]");
   CLI::Option* seed = parser.add_number("--seed", options.plant.seed, std::uint64_t{0},
@@ -174,8 +174,10 @@ std::optional<Options> parse_options(int argc, const char* const* argv) {
   app.add_flag("--orbit", options.orbit, "Turn the camera around the model by a degree a frame");
   app.add_flag("--headless", options.headless, "No window, even where there is a display");
   parser.add_number("--frames", options.frames, 1, 1'000'000, "Frames before it ends [1 headless, no end in a window]");
-  app.add_option("--output", options.output, "Write the last frame as a PNG")->type_name("FILE.png");
-  app.add_option("--stats", options.stats, "Write what was measured as JSON")->type_name("FILE.json");
+  CLI::Option* output =
+      app.add_option("--output", options.output, "Write the last frame as a PNG")->type_name("FILE.png");
+  CLI::Option* stats =
+      app.add_option("--stats", options.stats, "Write what was measured as JSON")->type_name("FILE.json");
 
   try {
     app.parse(argc, argv);
@@ -196,15 +198,13 @@ std::optional<Options> parse_options(int argc, const char* const* argv) {
     }
   }
   if (refuse_non_finite) options.import.non_finite = scene::NonFinite::refuse_file;
-  if (!options.output.empty()) {
+  if (output->count() > 0) {
     if (!options.output.ends_with(".png")) refuse("--output", "'" + options.output + "' does not end in .png");
     check_writable("--output", options.output);
   }
-  if (!options.stats.empty()) {
+  if (stats->count() > 0) {
     check_writable("--stats", options.stats);
-    std::error_code error;
-    if (!options.output.empty() && std::filesystem::weakly_canonical(options.output, error) ==
-                                       std::filesystem::weakly_canonical(options.stats, error)) {
+    if (output->count() > 0 && real_path(options.output) == real_path(options.stats)) {
       refuse("--stats", "'" + options.stats + "' is --output's file");
     }
   }

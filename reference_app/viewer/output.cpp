@@ -27,9 +27,9 @@
 
 namespace pgl::viewer {
 
-namespace {
-
 namespace fs = std::filesystem;
+
+namespace {
 
 [[noreturn]] void fail(const std::string& option, const std::string& path, const std::string& why) {
   throw std::runtime_error(option + ": cannot write '" + path + "': " + why);
@@ -38,10 +38,7 @@ namespace fs = std::filesystem;
 /// A new, empty file next to `path`; it is removed again unless it was renamed.
 class TemporaryFile {
  public:
-  TemporaryFile(const std::string& option, const std::string& path) : option_(option), path_(path) {
-    std::error_code error;
-    const fs::path real = fs::weakly_canonical(path, error);  // through a link, not over it
-    if (!error) path_ = real.string();
+  TemporaryFile(const std::string& option, const std::string& path) : option_(option), path_(real_path(path).string()) {
     name_ = path_ + "." + std::to_string(::getpid()) + ".tmp";
     file_ = ::open(name_.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
     if (file_ < 0) {
@@ -84,6 +81,13 @@ class TemporaryFile {
 
 }  // namespace
 
+fs::path real_path(const std::string& path) {
+  std::error_code error;
+  const fs::path whole = fs::absolute(path, error);
+  const fs::path real = fs::weakly_canonical(whole, error);
+  return error ? whole : real;
+}
+
 std::string encode_png(const Image& image) {
   int size = 0;
   const std::unique_ptr<unsigned char, decltype(&std::free)> bytes(
@@ -93,6 +97,7 @@ std::string encode_png(const Image& image) {
 }
 
 void check_writable(const std::string& option, const std::string& path) {
+  if (path.empty()) fail(option, path, "it has no name");
   std::error_code error;
   const fs::file_status status = fs::status(path, error);
   if (fs::is_directory(status)) fail(option, path, "it is a folder");

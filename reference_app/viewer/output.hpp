@@ -4,6 +4,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <filesystem>
 #include <span>
 #include <string>
 #include <vector>
@@ -19,6 +20,9 @@ struct Image {
 
 /// Encodes the picture as PNG. Throws std::runtime_error when there is no memory for it.
 std::string encode_png(const Image& image);
+
+/// The file that a path leads to, through links, whether it exists or not.
+std::filesystem::path real_path(const std::string& path);
 
 /// Throws std::runtime_error, naming the option and the path, unless a file can be created at the path: its folder
 /// exists and takes new files, and the path is free or a plain file (which would be replaced).

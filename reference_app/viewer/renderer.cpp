@@ -68,6 +68,7 @@ in vec3 barycentric;
 uniform vec3 up;
 uniform vec3 key;   // towards the key light
 uniform vec4 haze;  // its colour, and how much of it a unit of distance adds
+uniform float haze_start;
 out vec4 color;
 
 // Muted paints, in display values.
@@ -93,14 +94,14 @@ void main() {
   vec3 to_eye = -normalize(surface.from_eye);
   n = size > 0.0 ? n / size : to_eye;
 
-  vec3 sky = mix(vec3(0.30, 0.27, 0.25), vec3(0.62, 0.70, 0.80), 0.5 + 0.5 * dot(n, up));
-  vec3 light = sky + vec3(1.05, 1.0, 0.92) * max(dot(n, key), 0.0);
+  vec3 sky = mix(vec3(0.24, 0.22, 0.20), vec3(0.46, 0.52, 0.60), 0.5 + 0.5 * dot(n, up));
+  vec3 light = sky + vec3(0.84, 0.80, 0.73) * max(dot(n, key), 0.0);
   float gloss = pow(max(dot(n, normalize(key + to_eye)), 0.0), 40.0);
   vec3 lit = albedo * light + 0.06 * gloss;
-  lit = mix(lit, haze.rgb, 1.0 - exp(-haze.a * length(surface.from_eye)));
+  lit = mix(lit, haze.rgb, 1.0 - exp(-haze.a * max(length(surface.from_eye) - haze_start, 0.0)));
 #ifdef WIREFRAME
   vec3 pixels = barycentric / max(fwidth(barycentric), vec3(1e-6));
-  float line = 1.0 - smoothstep(0.4, 1.3, min(min(pixels.x, pixels.y), pixels.z));
+  float line = 1.0 - smoothstep(0.2, 1.0, min(min(pixels.x, pixels.y), pixels.z));
   lit = mix(mix(lit, vec3(0.9), 0.35), vec3(0.015, 0.02, 0.03), 0.85 * line);
 #endif
   color = vec4(pow(lit, vec3(1.0 / 2.2)), 1.0);
@@ -184,7 +185,8 @@ Renderer::Program Renderer::build(bool wireframe) {
           glGetUniformLocation(program, "eye"),
           glGetUniformLocation(program, "up"),
           glGetUniformLocation(program, "key"),
-          glGetUniformLocation(program, "haze")};
+          glGetUniformLocation(program, "haze"),
+          glGetUniformLocation(program, "haze_start")};
 }
 
 Renderer::Renderer() : vendor_(text_of(GL_VENDOR)), renderer_(text_of(GL_RENDERER)), version_(text_of(GL_VERSION)) {
@@ -281,7 +283,8 @@ void Renderer::draw(const View& view, const Camera& camera, double extent, bool 
   glUniform3fv(program.eye, 1, glm::value_ptr(eye));
   glUniform3fv(program.up, 1, glm::value_ptr(up));
   glUniform3fv(program.key, 1, glm::value_ptr(key));
-  glUniform4f(program.haze, haze.x, haze.y, haze.z, static_cast<float>(0.25 / extent));
+  glUniform4f(program.haze, haze.x, haze.y, haze.z, static_cast<float>(0.22 / extent));
+  glUniform1f(program.haze_start, view.near_depth);
   glDrawElements(GL_TRIANGLES, static_cast<GLsizei>(triangles_ * 3), GL_UNSIGNED_INT, nullptr);
   glFinish();
   check("drawing");

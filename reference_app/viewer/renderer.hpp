@@ -44,7 +44,7 @@ class Renderer {
  private:
   struct Program {
     unsigned name = 0;
-    int clip_from_world = -1, eye = -1, up = -1, key = -1, haze = -1;
+    int clip_from_world = -1, eye = -1, up = -1, key = -1, haze = -1, haze_start = -1;
   };
   static Program build(bool wireframe);
   void free_offscreen();

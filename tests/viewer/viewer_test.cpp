@@ -1,0 +1,447 @@
+// SPDX-License-Identifier: MIT
+// Runs pgl_viewer and looks at what it leaves: pictures, statistics, one-line errors.
+#include <gtest/gtest.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <nlohmann/json.hpp>
+#include <set>
+#include <string>
+#include <vector>
+
+#define STB_IMAGE_STATIC
+#define STB_IMAGE_IMPLEMENTATION
+#define STBI_ONLY_PNG
+#if defined(__GNUC__)
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wunused-function"
+#endif
+#include <stb/stb_image.h>
+#if defined(__GNUC__)
+#pragma GCC diagnostic pop
+#endif
+
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::json;
+
+std::string content_of(const fs::path& path) {
+  std::ifstream file(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(file), {}};
+}
+
+void write(const fs::path& path, const std::string& content) {
+  std::ofstream(path, std::ios::binary) << content;
+}
+
+struct Outcome {
+  int code = -1;
+  std::string out, err;
+};
+
+struct Picture {
+  int width = 0, height = 0;
+  std::vector<std::array<std::uint8_t, 3>> pixels;
+  const std::array<std::uint8_t, 3>& at(int x, int y) const {
+    return pixels.at(static_cast<std::size_t>(y) * static_cast<std::size_t>(width) + static_cast<std::size_t>(x));
+  }
+  std::size_t colors() const { return std::set(pixels.begin(), pixels.end()).size(); }
+};
+
+/// Every test has a folder of its own, where the viewer runs.
+class Viewer : public testing::Test {
+ protected:
+  Viewer() {
+    std::string name = (fs::temp_directory_path() / "pgl_viewer_test.XXXXXX").string();
+    if (mkdtemp(name.data()) == nullptr) throw std::runtime_error("no temporary folder");
+    folder_ = name;
+  }
+  ~Viewer() override { fs::remove_all(folder_); }
+
+  Outcome run_as(const std::string& before, const std::vector<std::string>& arguments) {
+    std::string line = "cd '" + folder_.string() + "' && " + before + " '" PGL_VIEWER "'";
+    for (const std::string& argument : arguments) line += " '" + argument + "'";
+    line += " >../out.$$ 2>../err.$$ </dev/null; code=$?; mv ../out.$$ .stdout; mv ../err.$$ .stderr; exit $code";
+    const int status = std::system(line.c_str());
+    Outcome outcome{WIFEXITED(status) ? WEXITSTATUS(status) : 128, content_of(folder_ / ".stdout"),
+                    content_of(folder_ / ".stderr")};
+    fs::remove(folder_ / ".stdout");
+    fs::remove(folder_ / ".stderr");
+    return outcome;
+  }
+
+  /// Without any display, whatever the machine has.
+  Outcome run(std::vector<std::string> arguments) {
+    return run_as("env -u DISPLAY -u WAYLAND_DISPLAY", std::move(arguments));
+  }
+
+  /// The same with the statistics, which must be there. Skips the test where nothing can draw.
+  Json statistics(std::vector<std::string> arguments) {
+    arguments.insert(arguments.end(), {"--stats", "stats.json"});
+    const Outcome outcome = run(std::move(arguments));
+    if (outcome.code == 3) return {};
+    EXPECT_EQ(outcome.code, 0) << outcome.err;
+    EXPECT_EQ(outcome.err, "");
+    return Json::parse(content_of(folder_ / "stats.json"), nullptr, false);
+  }
+
+  Picture picture(const std::string& name) {
+    Picture result;
+    int channels = 0;
+    stbi_uc* bytes = stbi_load((folder_ / name).c_str(), &result.width, &result.height, &channels, 3);
+    if (bytes == nullptr) return result;
+    EXPECT_EQ(channels, 3);
+    result.pixels.resize(static_cast<std::size_t>(result.width) * static_cast<std::size_t>(result.height));
+    std::copy_n(bytes, result.pixels.size() * 3, result.pixels.data()->data());
+    stbi_image_free(bytes);
+    return result;
+  }
+
+  std::vector<std::string> files() {
+    std::vector<std::string> names;
+    for (const auto& entry : fs::directory_iterator(folder_)) names.push_back(entry.path().filename().string());
+    std::ranges::sort(names);
+    return names;
+  }
+
+  /// The run failed, said why in one line that holds `name`, printed nothing else and left only `kept` behind.
+  void expect_refused(const Outcome& outcome, const std::string& name, const std::vector<std::string>& kept = {}) {
+    EXPECT_TRUE(outcome.code == 1 || outcome.code == 2) << outcome.code;
+    EXPECT_EQ(std::ranges::count(outcome.err, '\n'), 1) << outcome.err;
+    EXPECT_TRUE(outcome.err.ends_with('\n')) << outcome.err;
+    EXPECT_NE(outcome.err.find(name), std::string::npos) << name << " is not named: " << outcome.err;
+    EXPECT_EQ(outcome.out, "");
+    EXPECT_EQ(files(), kept);
+  }
+
+  void write_tetrahedron(const std::string& name) {
+    write(folder_ / name, "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n");
+  }
+
+  fs::path folder_;
+};
+
+#define SKIP_WITHOUT_GL(json) \
+  if ((json).is_null()) GTEST_SKIP() << "this machine has no EGL to draw with"
+
+const std::vector<std::string> small_plant = {"--headless", "--objects", "40", "--size", "160x90"};
+
+std::vector<std::string> with(std::vector<std::string> arguments, std::vector<std::string> more) {
+  arguments.insert(arguments.end(), more.begin(), more.end());
+  return arguments;
+}
+
+TEST_F(Viewer, DrawsAPictureOfTheAskedSize) {
+  const Json json = statistics(with(small_plant, {"--size", "167x91", "--output", "plant.png"}));
+  SKIP_WITHOUT_GL(json);
+  const Picture image = picture("plant.png");
+  EXPECT_EQ(image.width, 167);
+  EXPECT_EQ(image.height, 91);
+  EXPECT_GT(image.colors(), 50u);
+  EXPECT_EQ(json["size"], Json::array({167, 91}));
+  EXPECT_EQ(files(), (std::vector<std::string>{"plant.png", "stats.json"}));
+}
+
+TEST_F(Viewer, StatisticsAreCompleteAndConsistent) {
+  const Json json = statistics(with(small_plant, {"--budget", "2000", "--frames", "3"}));
+  SKIP_WITHOUT_GL(json);
+  EXPECT_EQ(json.at("objects"), 40);
+  EXPECT_EQ(json.at("budget"), 2000);
+  EXPECT_EQ(json.at("frames"), 3);
+  EXPECT_EQ(json.at("model").at("meshes"), 40);
+  const Json& drawn = json.at("drawn");
+  EXPECT_GT(drawn.at("objects"), 0);
+  EXPECT_LE(drawn.at("objects").get<int>() + json.at("culled").at("frustum").get<int>(), 40);
+  EXPECT_GT(drawn.at("vertices"), 0);
+  EXPECT_LE(drawn.at("vertices"), 2000);
+  EXPECT_LE(drawn.at("vertices"), json.at("model").at("vertices"));
+  EXPECT_GT(drawn.at("triangles"), 0);
+  EXPECT_LE(drawn.at("triangles"), json.at("model").at("triangles"));
+  EXPECT_EQ(drawn.at("checksum").get<std::string>().find_first_not_of("0123456789abcdef"), std::string::npos);
+  EXPECT_EQ(drawn.at("checksum").get<std::string>().size(), 16u);
+  double steps = 0.0;
+  for (const char* step : {"cull", "project", "budget", "reform", "gather", "upload", "draw"}) {
+    EXPECT_GE(json.at("ms").at(step).get<double>(), 0.0) << step;
+    steps += json.at("ms").at(step).get<double>();
+  }
+  EXPECT_GT(json.at("ms").at("frame").get<double>(), 0.0);
+  EXPECT_GT(steps, 0.0);
+  EXPECT_GE(json.at("ms").at("import").get<double>(), 0.0);
+  EXPECT_GT(json.at("ms").at("preprocess").get<double>(), 0.0);
+  EXPECT_EQ(json.at("camera").at("eye").size(), 3u);
+  EXPECT_EQ(json.at("camera").at("target").size(), 3u);
+  for (const char* text : {"vendor", "renderer", "version"}) EXPECT_NE(json.at("gl").at(text), "") << text;
+  EXPECT_NE(run({"--version"}).out.find(json.at("pgl").get<std::string>()), std::string::npos);
+}
+
+TEST_F(Viewer, PrintsATableOfTheSameNumbers) {
+  const Outcome outcome = run(with(small_plant, {"--budget", "2000", "--stats", "stats.json"}));
+  if (outcome.code == 3) GTEST_SKIP() << outcome.err;
+  const Json json = Json::parse(content_of(folder_ / "stats.json"));
+  const auto number = [&](const std::string& name) {
+    const std::size_t at = outcome.out.find("\n" + name + " ");
+    if (at == std::string::npos) return std::string("missing");
+    std::string text = outcome.out.substr(at + 1 + name.size(), outcome.out.find('\n', at + 1) - at - 1 - name.size());
+    std::erase_if(text, [](char c) { return c == ' ' || c == ','; });
+    return text;
+  };
+  EXPECT_EQ(number("triangles in the model"), json["model"]["triangles"].dump());
+  EXPECT_EQ(number("budget, vertices"), "2000");
+  EXPECT_EQ(number("vertices drawn"), json["drawn"]["vertices"].dump());
+  EXPECT_EQ(number("triangles drawn"), json["drawn"]["triangles"].dump());
+  EXPECT_NE(number("ms reform"), "missing");
+}
+
+TEST_F(Viewer, ChecksumDependsOnTheFrameAlone) {
+  const auto checksum = [&](std::vector<std::string> more) {
+    const Json json = statistics(with(small_plant, std::move(more)));
+    return json.is_null() ? std::string() : json["drawn"]["checksum"].get<std::string>();
+  };
+  const std::string first = checksum({"--budget", "3000", "--threads", "1"});
+  if (first.empty()) GTEST_SKIP() << "this machine has no EGL to draw with";
+  EXPECT_EQ(checksum({"--budget", "3000", "--threads", "1"}), first);
+  EXPECT_EQ(checksum({"--budget", "3000", "--threads", "2"}), first);
+  EXPECT_EQ(checksum({"--budget", "3000", "--threads", "7"}), first);
+  EXPECT_NE(checksum({"--budget", "2999"}), first);
+  EXPECT_NE(checksum({"--budget", "3000", "--seed", "2"}), first);
+}
+
+TEST_F(Viewer, NeverDrawsMoreThanTheBudget) {
+  for (const std::uint64_t budget : {0ull, 1ull, 10ull, 100ull, 1000ull, 10'000ull, 4'294'967'296ull}) {
+    const Json json = statistics(with(small_plant, {"--budget", std::to_string(budget)}));
+    SKIP_WITHOUT_GL(json);
+    EXPECT_EQ(json["budget"], budget);
+    EXPECT_LE(json["drawn"]["vertices"], budget);
+    if (budget >= 10'000) {
+      EXPECT_GT(json["drawn"]["vertices"], 0);
+    }
+  }
+}
+
+TEST_F(Viewer, BudgetZeroLeavesTheBackground) {
+  const Json json = statistics(with(small_plant, {"--budget", "0", "--output", "none.png"}));
+  SKIP_WITHOUT_GL(json);
+  EXPECT_EQ(json["drawn"]["vertices"], 0);
+  EXPECT_EQ(json["drawn"]["triangles"], 0);
+  EXPECT_EQ(json["drawn"]["objects"], 0);
+  EXPECT_EQ(picture("none.png").colors(), 1u);
+}
+
+TEST_F(Viewer, AllOfAFileIsDrawnWhereTheBudgetAllows) {
+  write_tetrahedron("one.obj");
+  write_tetrahedron("two.obj");
+  const Json json = statistics({"--headless", "--size", "64x64", "--budget", "all", "one.obj", "two.obj"});
+  SKIP_WITHOUT_GL(json);
+  EXPECT_EQ(json["objects"], 2);
+  EXPECT_EQ(json["model"]["vertices"], 8);
+  EXPECT_EQ(json["model"]["triangles"], 8);
+  EXPECT_EQ(json["drawn"]["objects"], 2);
+  EXPECT_EQ(json["drawn"]["vertices"], 8);
+  EXPECT_EQ(json["drawn"]["triangles"], 8);
+}
+
+TEST_F(Viewer, PictureIsNeitherMirroredNorUpsideDown) {
+  // Half of the upper left quarter, seen from the front.
+  write(folder_ / "corner.obj", "v -1 1 0\nv -1 0 0\nv 0 1 0\nf 1 2 3\n");
+  const Json json =
+      statistics({"--headless", "--size", "64x64", "--camera", "0,0,2,0,0,0,90", "--output", "c.png", "corner.obj"});
+  SKIP_WITHOUT_GL(json);
+  ASSERT_EQ(json["drawn"]["triangles"], 1);
+  const Picture image = picture("c.png");
+  const auto background = image.at(63, 63);
+  EXPECT_NE(image.at(20, 20), background);  // x = y = +-0.7 at a distance of 2 with 90 degrees
+  EXPECT_EQ(image.at(43, 20), background);
+  EXPECT_EQ(image.at(20, 43), background);
+  EXPECT_EQ(image.at(43, 43), background);
+}
+
+TEST_F(Viewer, CameraThatLooksAwayCullsEverything) {
+  write_tetrahedron("one.obj");
+  const Json json =
+      statistics({"--headless", "--size", "64x64", "--camera", "0,0,-5,0,0,-6", "--output", "away.png", "one.obj"});
+  SKIP_WITHOUT_GL(json);
+  EXPECT_EQ(json["culled"]["frustum"], 1);
+  EXPECT_EQ(json["drawn"]["vertices"], 0);
+  EXPECT_EQ(picture("away.png").colors(), 1u);
+}
+
+TEST_F(Viewer, AutomaticCameraHasTheWholeModelInThePicture) {
+  write(folder_ / "flat.obj", "v -50 0 -1\nv 50 0 -1\nv 50 0 1\nv -50 0 1\nf 1 2 3\nf 1 3 4\n");
+  for (const std::string size : {"200x50", "50x200", "90x90"}) {
+    const Json json = statistics({"--headless", "--size", size, "--output", "fit.png", "flat.obj"});
+    SKIP_WITHOUT_GL(json);
+    const Picture image = picture("fit.png");
+    const auto background = image.at(0, 0);
+    EXPECT_GT(image.colors(), 1u);
+    for (int x = 0; x < image.width; ++x) {
+      EXPECT_EQ(image.at(x, 0), background);
+      EXPECT_EQ(image.at(x, image.height - 1), background);
+    }
+    for (int y = 0; y < image.height; ++y) {
+      EXPECT_EQ(image.at(0, y), background);
+      EXPECT_EQ(image.at(image.width - 1, y), background);
+    }
+  }
+}
+
+TEST_F(Viewer, OrbitTurnsByADegreeAFrame) {
+  const Json first = statistics(with(small_plant, {"--camera", "10,0,3,0,0,3"}));
+  SKIP_WITHOUT_GL(first);
+  const Json third = statistics(with(small_plant, {"--camera", "10,0,3,0,0,3", "--orbit", "--frames", "3"}));
+  const double angle = std::atan2(third["camera"]["eye"][1].get<double>(), third["camera"]["eye"][0].get<double>());
+  EXPECT_NEAR(std::abs(angle), 2.0 * std::acos(-1.0) / 180.0, 1e-9);
+  EXPECT_NEAR(third["camera"]["eye"][2].get<double>(), 3.0, 1e-9);
+}
+
+TEST_F(Viewer, WireframeDrawsTheSameTrianglesOtherwise) {
+  const Json solid = statistics(with(small_plant, {"--output", "solid.png"}));
+  SKIP_WITHOUT_GL(solid);
+  const Json wire = statistics(with(small_plant, {"--output", "wire.png", "--wireframe"}));
+  EXPECT_EQ(solid["drawn"], wire["drawn"]);
+  EXPECT_NE(picture("solid.png").pixels, picture("wire.png").pixels);
+}
+
+TEST_F(Viewer, WithoutADisplayItDrawsOffscreen) {
+  const Outcome outcome = run({"--objects", "5", "--size", "32x32", "--output", "a.png"});
+  if (outcome.code == 3) GTEST_SKIP() << outcome.err;
+  EXPECT_EQ(outcome.code, 0) << outcome.err;
+  EXPECT_EQ(picture("a.png").width, 32);
+}
+
+TEST_F(Viewer, WithADisplayItOpensAWindow) {
+  if (std::system("command -v xvfb-run >/dev/null") != 0) GTEST_SKIP() << "xvfb-run is not installed";
+  const Outcome outcome = run_as(
+      "env -u WAYLAND_DISPLAY xvfb-run -a",
+      with({"--objects", "40", "--size", "160x90"}, {"--frames", "3", "--output", "w.png", "--stats", "stats.json"}));
+  ASSERT_EQ(outcome.code, 0) << outcome.err;
+  const Picture window = picture("w.png");
+  EXPECT_EQ(window.width, 160);
+  EXPECT_EQ(window.height, 90);
+  EXPECT_GT(window.colors(), 50u);
+  const std::string seen = Json::parse(content_of(folder_ / "stats.json"))["drawn"]["checksum"];
+  const Json offscreen = statistics(small_plant);
+  if (!offscreen.is_null()) {
+    EXPECT_EQ(offscreen["drawn"]["checksum"], seen);
+  }
+}
+
+TEST_F(Viewer, ImpossibleOptionsAreRefusedInOneLine) {
+  const std::vector<std::vector<std::string>> refused = {{"--budget", "-1"},
+                                                         {"--budget", "4294967297"},
+                                                         {"--budget", "many"},
+                                                         {"--budget", "1e6"},
+                                                         {"--budget", ""},
+                                                         {"--budget"},
+                                                         {"--objects", "0"},
+                                                         {"--objects", "718001"},
+                                                         {"--objects", "3.5"},
+                                                         {"--seed", "-1"},
+                                                         {"--alpha", "1"},
+                                                         {"--alpha", "64.5"},
+                                                         {"--alpha", "nan"},
+                                                         {"--pet", "-0.5"},
+                                                         {"--pet", "inf"},
+                                                         {"--min-triangles", "4294967296"},
+                                                         {"--policy", "best"},
+                                                         {"--metric", "volume"},
+                                                         {"--boundary", "free"},
+                                                         {"--backend", "cuda"},
+                                                         {"--camera", "1,2,3"},
+                                                         {"--camera", "1,2,3,1,2,3"},
+                                                         {"--camera", "0,0,0,0,0,x"},
+                                                         {"--camera", "0,0,0,0,0,nan"},
+                                                         {"--camera", "0,0,0,1,1,1,180"},
+                                                         {"--size", "0x10"},
+                                                         {"--size", "10x16385"},
+                                                         {"--size", "10"},
+                                                         {"--size", "10x10x10"},
+                                                         {"--size", "-5x5"},
+                                                         {"--frames", "0"},
+                                                         {"--threads", "0"},
+                                                         {"--threads", "1025"},
+                                                         {"--output", "picture.jpg"},
+                                                         {"--output", ""},
+                                                         {"--stats", ""},
+                                                         {"--split"},
+                                                         {"--no-weld"},
+                                                         {"--flatten"},
+                                                         {"--refuse-non-finite"},
+                                                         {"--turbo"}};
+  for (const auto& options : refused) {
+    SCOPED_TRACE(testing::PrintToString(options));
+    // Later than the good ones, so that those were read.
+    expect_refused(run(with({"--headless", "--output", "a.png", "--stats", "a.json"}, options)),
+                   options[0] == "--no-weld" ? "--weld" : options[0]);
+  }
+}
+
+TEST_F(Viewer, OptionsOfThePlantDoNotGoWithFiles) {
+  write_tetrahedron("one.obj");
+  expect_refused(run({"--headless", "--objects", "5", "one.obj"}), "--objects", {"one.obj"});
+  expect_refused(run({"--headless", "--seed", "5", "one.obj"}), "--seed", {"one.obj"});
+}
+
+TEST_F(Viewer, BadFilesAreRefusedInOneLine) {
+  write(folder_ / "empty.ply", "");
+  write(folder_ / "noise.glb", std::string("\x93\x01\xff\x00\x7f noise", 12));
+  write(folder_ / "strange.xyz", "0 0 0\n");
+  write(folder_ / "points.obj", "v 0 0 0\nv 1 0 0\n");
+  fs::create_directory(folder_ / "folder.stl");
+  const std::vector<std::string> before = files();
+  for (const std::string name : {"missing.obj", "empty.ply", "noise.glb", "strange.xyz", "points.obj", "folder.stl"}) {
+    SCOPED_TRACE(name);
+    expect_refused(run({"--headless", "--output", "a.png", "--stats", "a.json", name}), name, before);
+  }
+}
+
+TEST_F(Viewer, PlacesThatCannotBeWrittenAreRefusedBeforeTheWork) {
+  fs::create_directory(folder_ / "taken.png");
+  const std::vector<std::string> kept = {"taken.png"};
+  // This file is found missing when the work begins.
+  const std::vector<std::string> work = {"--headless", "missing.obj"};
+  expect_refused(run(with(work, {"--output", "nowhere/a.png", "--stats", "a.json"})), "--output", kept);
+  expect_refused(run(with(work, {"--output", "a.png", "--stats", "nowhere/a.json"})), "--stats", kept);
+  expect_refused(run(with(work, {"--output", "taken.png"})), "--output", kept);
+  expect_refused(run(with(work, {"--output", "a.png", "--stats", "taken.png"})), "--stats", kept);
+  expect_refused(run(with(work, {"--stats", "/dev/null"})), "--stats", kept);
+  expect_refused(run(with(work, {"--output", "same.png", "--stats", "./same.png"})), "--stats", kept);
+}
+
+TEST_F(Viewer, FailureLeavesOldFilesAsTheyWere) {
+  write(folder_ / "a.png", "old picture");
+  write(folder_ / "a.json", "old numbers");
+  expect_refused(run({"--headless", "--output", "a.png", "--stats", "a.json", "missing.obj"}), "missing.obj",
+                 {"a.json", "a.png"});
+  EXPECT_EQ(content_of(folder_ / "a.png"), "old picture");
+  EXPECT_EQ(content_of(folder_ / "a.json"), "old numbers");
+}
+
+TEST_F(Viewer, SuccessReplacesOldFiles) {
+  write(folder_ / "a.png", "old picture");
+  const Outcome outcome = run(with(small_plant, {"--output", "a.png"}));
+  if (outcome.code == 3) GTEST_SKIP() << outcome.err;
+  EXPECT_EQ(outcome.code, 0) << outcome.err;
+  EXPECT_EQ(picture("a.png").width, 160);
+  EXPECT_EQ(files(), std::vector<std::string>{"a.png"});
+}
+
+TEST_F(Viewer, HelpAndVersionArePrinted) {
+  const Outcome help = run({"--help"});
+  EXPECT_EQ(help.code, 0);
+  for (const char* option : {"--budget", "--camera", "--size", "--output", "--stats", "--frames", "--headless"}) {
+    EXPECT_NE(help.out.find(option), std::string::npos) << option;
+  }
+  const Outcome version = run({"--version"});
+  EXPECT_EQ(version.code, 0);
+  EXPECT_TRUE(version.out.starts_with("pgl_viewer "));
+}
+
+}  // namespace
