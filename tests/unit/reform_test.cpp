@@ -117,6 +117,18 @@ class Reform : public testing::Test {};
 using Indices = testing::Types<std::uint16_t, std::uint32_t>;
 TYPED_TEST_SUITE(Reform, Indices);
 
+TYPED_TEST(Reform, TakesOneStepPerCollapse) {
+  using Index = TypeParam;
+  const auto ecol = chain<Index>(6);
+  std::uint64_t steps = 7;
+  EXPECT_EQ(pgl::follow_collapses(ecol.data(), 2, Index{1}, steps), 1);
+  EXPECT_EQ(steps, 7u);
+  EXPECT_EQ(pgl::follow_collapses(ecol.data(), 2, Index{5}, steps), 1);
+  EXPECT_EQ(steps, 3u);
+  EXPECT_EQ(pgl::follow_collapses(ecol.data(), 1, Index{5}, steps), 2) << "out of steps on the way";
+  EXPECT_EQ(steps, 0u);
+}
+
 TYPED_TEST(Reform, FollowsEachCornerBelowTheCount) {
   using Index = TypeParam;
   constexpr Index none = no_target<Index>;
@@ -269,6 +281,11 @@ TYPED_TEST(Reform, IsTheSameWhicheverWayItTakes) {
   pgl::host::ReformWorkspace<TypeParam> workspace;
   EXPECT_EQ(scene.reform(workspace), expected);
   EXPECT_EQ(scene.reform(workspace), expected) << "with a workspace that was used before";
+  auto hidden = scene;
+  hidden.counts.assign(scene.counts.size(), 0);
+  hidden.vertex_offsets.assign(scene.vertex_offsets.size(), 0);
+  hidden.triangle_offsets.assign(scene.triangle_offsets.size(), 0);
+  EXPECT_TRUE(hidden.reform(workspace).empty()) << "with a workspace that was used for another selection";
 }
 
 #if defined(_OPENMP)
@@ -392,6 +409,8 @@ TEST(Mirrored, IsFalseForNonFiniteEntries) {
         }
       }
     }
+    EXPECT_FALSE(pgl::mirrored({glm::vec3(bad, 0, 0), glm::vec3(0, -1, 1), glm::vec3(0, 1, 1), glm::vec3(0)}));
+    EXPECT_FALSE(pgl::mirrored({glm::vec3(bad, 1, 1), glm::vec3(1, -1, 1), glm::vec3(1, 1, 1), glm::vec3(0)}));
     glm::mat4x3 moved = mirror_x;
     moved[3] = glm::vec3(bad);
     EXPECT_TRUE(pgl::mirrored(moved)) << "the translation does not matter";
