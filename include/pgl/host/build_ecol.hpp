@@ -188,7 +188,7 @@ class EcolWorkspace {
   std::vector<Real> weight_;
   std::vector<Wedge> wedges_;
   std::vector<Triangle<std::uint32_t>> triangles_;  ///< current corners, for the normals
-  std::vector<Vector<Real>> normals_;
+  std::vector<Vector<Real>> normals_, edge_normals_;
   std::vector<std::uint32_t> ring_, touched_, vanished_, degenerate_;
   detail::VertexHeap<Real> heap_;
 };
@@ -383,12 +383,14 @@ class Collapser {
     const bool slides = w_.state_[u].boundary;
     const auto penalty = static_cast<Real>(o_.boundary_penalty);
     if (o_.metric == CostMetric::edge_length) return slides ? ieee::mul(l, penalty) : l;
+    w_.edge_normals_.clear();
+    for (const Wedge& n : wedges(u))
+      if (n.next == x || n.previous == x) w_.edge_normals_.push_back(w_.normals_[n.triangle]);
     Real curvature = 0;
     for (const Wedge& f : wedges(u)) {
       Real least = ieee::infinity<Real>;
-      for (const Wedge& n : wedges(u))
-        if (n.next == x || n.previous == x)
-          least = ieee::min(dissimilarity(w_.normals_[f.triangle], w_.normals_[n.triangle]), least);
+      for (const Vector<Real>& n : w_.edge_normals_)
+        least = ieee::min(dissimilarity(w_.normals_[f.triangle], n), least);
       curvature = ieee::max(least, curvature);
     }
     if (slides) {
