@@ -133,10 +133,9 @@ PGL_HD inline float log_weight(float area, float depth, std::uint32_t min_vertic
 /// Computes an object's part of the budget as an integer: round(2^31 * (w / w_max)^(1/alpha)), the numerator of
 /// [Peng13] Eq 2.3 relative to the heaviest object, so that nothing overflows and sums do not depend on their order.
 ///
-/// 2^31 for the heaviest object, 0 for one that is not eligible or below 2^-32 of the heaviest. Within 0.51 of the exact
-/// value for the two floats given. A heavier object never has less.
-/// Preconditions: log_weight <= heaviest, neither NaN nor +infinity (heaviest is not read where log_weight is
-/// -infinity); alpha in (1, 64].
+/// 2^31 for the heaviest object, 0 for one that is not eligible or below 2^-32 of the heaviest. Within 0.51 of the
+/// exact value for the two floats given. A heavier object never has less. Preconditions: log_weight <= heaviest,
+/// neither NaN nor +infinity (heaviest is not read where log_weight is -infinity); alpha in (1, 64].
 PGL_HD inline std::uint32_t share_weight(float log_weight, float heaviest, float alpha) {
   if (!(log_weight > -ieee::infinity<float>)) return 0;
   const double below = ieee::sub(static_cast<double>(log_weight), static_cast<double>(heaviest));
@@ -223,21 +222,20 @@ PGL_HD constexpr BudgetPlan plan_reduction(const BudgetCut& cut, std::uint32_t m
   return plan;
 }
 
-/// The least key that may be lifted: the kept and eligible ones; with BudgetPolicy::paper all.
-PGL_HD constexpr std::uint64_t lift_from(const BudgetPlan& plan, const BudgetOptions& options) {
-  if (options.policy == BudgetPolicy::paper) return 0;
-  return plan.kept_from > least_eligible_key() ? plan.kept_from : least_eligible_key();
+/// The least key that may be lifted: that of an eligible object; with BudgetPolicy::paper any.
+PGL_HD constexpr std::uint64_t lift_from(const BudgetOptions& options) {
+  return options.policy == BudgetPolicy::paper ? 0 : least_eligible_key();
 }
 
-/// Plans the lift by plan.left vertices, from the cut of the running sum of (maximum - count) over the keys that may be
-/// lifted, at the limit plan.left.
+/// Plans the lift by plan.left vertices, from the cut of the running sum of (maximum - count) at the limit plan.left,
+/// over the keys from lift_from on. (Those below plan.kept_from may be in the sum: they come last, and get 0 anyway.)
 ///
 /// The heaviest objects get their maximum; the object at the cut takes the remainder (exact) or nothing (paper).
 /// Precondition: count_at_cut is the count of the object at the cut, 0 where there is none.
 PGL_HD constexpr BudgetPlan plan_lift(BudgetPlan plan, const BudgetCut& cut, std::uint32_t count_at_cut,
                                       const BudgetOptions& options) {
   if (cut.key == 0) {
-    plan.filled_from = lift_from(plan, options);
+    plan.filled_from = lift_from(options);
     return plan;
   }
   plan.filled_from = cut.key + 1;

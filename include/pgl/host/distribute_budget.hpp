@@ -157,24 +157,24 @@ inline BudgetTotals distribute_budget(std::span<const float> areas, std::span<co
   if (workspace.keys.size() < n) workspace.keys.resize(n);
   detail::BudgetKeys objects{std::span(workspace.keys.data(), n), detail::block_count(n)};
 
-  // Weights: the keys of the eligible objects, or of all for the paper's policy, and the range of the eligible ones.
-  const bool all = options.policy == BudgetPolicy::paper;
-  const auto eligible = detail::sum_blocks(n, objects.blocks, [&](std::size_t b, std::size_t begin, std::size_t end) {
-    detail::BudgetBucket range;
-    std::uint64_t* out = objects.keys.data() + begin;
-    for (std::size_t i = begin; i < end; ++i) {
-      PGL_ASSERT(min_vertices[i] <= max_vertices[i]);
-      counts[i] = 0;
-      const float weight = log_weight(areas[i], depths[i], min_vertices[i], max_vertices[i], options);
-      const std::uint64_t key = weight_key(weight, static_cast<std::uint32_t>(i));
-      const bool counted = key >= least_eligible_key();
-      if (counted) range += {0, key, key};
-      if (counted || all) *out++ = key;
-    }
-    objects.sizes[b] = static_cast<std::size_t>(out - (objects.keys.data() + begin));
-    return range;
-  });
-  const float heaviest = weight_of_key(eligible.most);
+  // Weights: the keys of the objects that take part (the eligible ones; with the paper's policy all), and their range.
+  const detail::BudgetBucket range =
+      detail::sum_blocks(n, objects.blocks, [&](std::size_t b, std::size_t begin, std::size_t end) {
+        detail::BudgetBucket part;
+        std::uint64_t* out = objects.keys.data() + begin;
+        for (std::size_t i = begin; i < end; ++i) {
+          PGL_ASSERT(min_vertices[i] <= max_vertices[i]);
+          counts[i] = 0;
+          const float weight = log_weight(areas[i], depths[i], min_vertices[i], max_vertices[i], options);
+          const std::uint64_t key = weight_key(weight, static_cast<std::uint32_t>(i));
+          if (key < lift_from(options)) continue;
+          part += {0, key, key};
+          *out++ = key;
+        }
+        objects.sizes[b] = static_cast<std::size_t>(out - (objects.keys.data() + begin));
+        return part;
+      });
+  const float heaviest = weight_of_key(range.most);
 
   // Shares (for a moment counts holds these), then clamped shares.
   using Keys = std::span<const std::uint64_t>;
@@ -200,14 +200,12 @@ inline BudgetTotals distribute_budget(std::span<const float> areas, std::span<co
   } else if (options.budget == 0) {
     plan.kept_from = ~std::uint64_t{0};
   } else {
-    const BudgetCut cut = detail::find_budget_cut(objects, eligible.least, eligible.most, reduction_limit(options),
+    const BudgetCut cut = detail::find_budget_cut(objects, range.least, range.most, reduction_limit(options),
                                                   workspace.buckets, [&](std::uint32_t i) { return counts[i]; });
     plan = plan_reduction(cut, min_vertices[object_of_key(cut.key)], options);
   }
   if (plan.left > 0) {
-    const std::uint64_t least = all ? 0 : std::max(plan.kept_from, eligible.least);
-    const std::uint64_t most = all ? ~std::uint64_t{0} : eligible.most;
-    const BudgetCut cut = detail::find_budget_cut(objects, least, most, plan.left, workspace.buckets,
+    const BudgetCut cut = detail::find_budget_cut(objects, range.least, range.most, plan.left, workspace.buckets,
                                                   [&](std::uint32_t i) { return max_vertices[i] - counts[i]; });
     plan = plan_lift(plan, cut, cut.key == 0 ? 0 : counts[object_of_key(cut.key)], options);
   }
