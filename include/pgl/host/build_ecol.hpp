@@ -638,8 +638,8 @@ class Collapser {
 /// Everything is accepted and nothing is lost. Triangles with a repeated index have no edges; they are last in
 /// permute_t and leave with the first collapse. Duplicate triangles count with their multiplicity, edges of more than
 /// two triangles are kept from becoming open, isolated vertices stay. Preconditions: indices below V; V and 3T below
-/// 2^32; V at most 65536 with 16-bit indices; positions finite (a coordinate that is not finite counts as the box's
-/// centre; the result is then still deterministic, but means little); boundary_penalty > 0.
+/// 2^32; V at most 65535 with 16-bit indices (order a larger one in 32); positions finite (a coordinate that is not
+/// finite counts as the box's centre; the result is then still deterministic, but means little); boundary_penalty > 0.
 ///
 /// About (V + T) log V work; memory from the workspace. Runs on one thread: run meshes in parallel, each thread with a
 /// workspace of its own. The result depends on the input alone, and not at all on an exact power-of-two scale.
@@ -656,6 +656,7 @@ std::uint32_t build_ecol(std::span<const glm::vec3> positions, std::span<const T
   PGL_ASSERT(ecol.size() == vertices && permute_v.size() == vertices && permute_t.size() == triangle_count);
   PGL_ASSERT(map.size() == positions.size() + 1 && (error.empty() || error.size() == map.size()));
   PGL_ASSERT(locked.empty() || locked.size() == vertices);
+  PGL_ASSERT(positions.size() <= no_target<Index>);
 
   std::fill(ecol.begin(), ecol.end(), no_target<Index>);
   std::fill(permute_t.begin(), permute_t.end(), detail::none);
