@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <stdexcept>
 
 #include "pgl/types.hpp"
 
@@ -74,7 +75,7 @@ inline Camera fit_camera(const Box& box, const glm::dvec3& up, double fov_degree
 }
 
 /// The view of the camera on a picture of that size. The near and far planes hold the whole box between them, the near
-/// plane at no less than 1/20000 of the far one.
+/// plane at no less than 1/20000 of the far one. Throws std::runtime_error where that leaves the range of float.
 inline View view_of(const Camera& camera, const Box& box, int width, int height) {
   const CameraAxes axes = axes_of(camera);
   double nearest = std::numeric_limits<double>::infinity();
@@ -90,6 +91,13 @@ inline View view_of(const Camera& camera, const Box& box, int width, int height)
   View view;
   view.clip_from_world = glm::mat4(glm::perspective(glm::radians(camera.fov_degrees), aspect, near_plane, far_plane) *
                                    glm::lookAt(camera.eye, camera.target, axes.up));
+  for (int column = 0; column < 4; ++column) {
+    for (int row = 0; row < 4; ++row) {
+      if (!std::isfinite(view.clip_from_world[column][row])) {
+        throw std::runtime_error("--camera: from there, the model is beyond the range of float");
+      }
+    }
+  }
   view.width = static_cast<float>(width);
   view.height = static_cast<float>(height);
   view.near_depth = static_cast<float>(near_plane);

@@ -182,7 +182,11 @@ void show(const Options& options, const scene::Model<Index>& model, Window* wind
       if (std::exchange(state.take_picture, false)) {
         const std::string path = options.output.empty() ? "pgl.png" : options.output;
         const PendingFile file{"P", path, encode_png(renderer.read(width, height))};
-        write_files({&file, 1});
+        try {
+          write_files({&file, 1});
+        } catch (const std::runtime_error& error) {  // no reason to close the window
+          std::fprintf(stderr, "pgl_viewer: %s\n", error.what());
+        }
       }
       window->present();
       window->set_title(title_of(state.budget, frame.triangles().size(), total));

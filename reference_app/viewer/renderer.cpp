@@ -21,12 +21,13 @@ layout(location = 0) in vec3 position;
 layout(location = 1) in uint object;
 uniform mat4 clip_from_world;
 uniform vec3 eye;
+uniform float scale;  // lengths in the shaders are in sizes of the model
 out Surface {
   vec3 from_eye;
   flat uint object;
 } surface;
 void main() {
-  surface.from_eye = position - eye;
+  surface.from_eye = (position - eye) * scale;
   surface.object = object;
   gl_Position = clip_from_world * vec4(position, 1.0);
 }
@@ -67,7 +68,7 @@ in vec3 barycentric;
 #endif
 uniform vec3 up;
 uniform vec3 key;   // towards the key light
-uniform vec4 haze;  // its colour, and how much of it a unit of distance adds
+uniform vec3 haze;  // its colour
 uniform float haze_start;
 out vec4 color;
 
@@ -98,7 +99,7 @@ void main() {
   vec3 light = sky + vec3(0.84, 0.80, 0.73) * max(dot(n, key), 0.0);
   float gloss = pow(max(dot(n, normalize(key + to_eye)), 0.0), 40.0);
   vec3 lit = albedo * light + 0.06 * gloss;
-  lit = mix(lit, haze.rgb, 1.0 - exp(-haze.a * max(length(surface.from_eye) - haze_start, 0.0)));
+  lit = mix(lit, haze, 1.0 - exp(-0.22 * max(length(surface.from_eye) - haze_start, 0.0)));
 #ifdef WIREFRAME
   vec3 pixels = barycentric / max(fwidth(barycentric), vec3(1e-6));
   float line = 1.0 - smoothstep(0.2, 1.0, min(min(pixels.x, pixels.y), pixels.z));
@@ -186,7 +187,8 @@ Renderer::Program Renderer::build(bool wireframe) {
           glGetUniformLocation(program, "up"),
           glGetUniformLocation(program, "key"),
           glGetUniformLocation(program, "haze"),
-          glGetUniformLocation(program, "haze_start")};
+          glGetUniformLocation(program, "haze_start"),
+          glGetUniformLocation(program, "scale")};
 }
 
 Renderer::Renderer() : vendor_(text_of(GL_VENDOR)), renderer_(text_of(GL_RENDERER)), version_(text_of(GL_VERSION)) {
@@ -203,6 +205,7 @@ Renderer::Renderer() : vendor_(text_of(GL_VENDOR)), renderer_(text_of(GL_RENDERE
   glVertexAttribPointer(0, 3, GL_FLOAT, GL_FALSE, stride, nullptr);
   glVertexAttribIPointer(1, 1, GL_UNSIGNED_INT, stride, reinterpret_cast<void*>(offsetof(PlacedVertex, object)));
   glEnable(GL_DEPTH_TEST);
+  glGetIntegerv(GL_SAMPLES, &samples_);
   check("setting up");
 }
 
@@ -273,6 +276,7 @@ void Renderer::draw(const View& view, const Camera& camera, double extent, bool 
   const CameraAxes axes = axes_of(camera);
   const glm::vec3 key = glm::normalize(0.75 * camera.up - 0.5 * axes.right - 0.55 * axes.forward);
   const glm::vec3 eye(camera.eye), up(camera.up), haze = glm::pow(background, glm::vec3(2.2f));
+  const float scale = extent > 1e-37 ? static_cast<float>(1.0 / extent) : 1.0f;
 
   glBindFramebuffer(GL_FRAMEBUFFER, draw_framebuffer_);
   glViewport(0, 0, static_cast<GLsizei>(view.width), static_cast<GLsizei>(view.height));
@@ -283,8 +287,9 @@ void Renderer::draw(const View& view, const Camera& camera, double extent, bool 
   glUniform3fv(program.eye, 1, glm::value_ptr(eye));
   glUniform3fv(program.up, 1, glm::value_ptr(up));
   glUniform3fv(program.key, 1, glm::value_ptr(key));
-  glUniform4f(program.haze, haze.x, haze.y, haze.z, static_cast<float>(0.22 / extent));
-  glUniform1f(program.haze_start, view.near_depth);
+  glUniform3fv(program.haze, 1, glm::value_ptr(haze));
+  glUniform1f(program.haze_start, view.near_depth * scale);
+  glUniform1f(program.scale, scale);
   glDrawElements(GL_TRIANGLES, static_cast<GLsizei>(triangles_ * 3), GL_UNSIGNED_INT, nullptr);
   glFinish();
   check("drawing");

@@ -30,7 +30,7 @@ class Renderer {
   void upload(std::span<const PlacedVertex> vertices, std::span<const Triangle<std::uint32_t>> triangles);
 
   /// Draws the uploaded triangles on a background and waits until the picture is there.
-  /// The haze takes its distance from `extent`, the size of the model.
+  /// `extent`: the size of the model, the unit of the haze.
   void draw(const View& view, const Camera& camera, double extent, bool wireframe);
 
   /// The last picture: of draw_offscreen's size, or of the window's back buffer of this size.
@@ -44,7 +44,7 @@ class Renderer {
  private:
   struct Program {
     unsigned name = 0;
-    int clip_from_world = -1, eye = -1, up = -1, key = -1, haze = -1, haze_start = -1;
+    int clip_from_world = -1, eye = -1, up = -1, key = -1, haze = -1, haze_start = -1, scale = -1;
   };
   static Program build(bool wireframe);
   void free_offscreen();
