@@ -124,14 +124,14 @@ void distribute_budget(benchmark::State& state) {
 
   std::vector<std::uint32_t> counts(object_count);
   Plain plain;
-  const double plain_ms = least_ms(6, [&] { benchmark::DoNotOptimize(plain(s, options, counts)); });
+  const double plain_ms = least_ms(12, [&] { benchmark::DoNotOptimize(plain(s, options, counts)); });
   pgl::host::BudgetWorkspace workspace;
   pgl::host::BudgetTotals totals;
   const auto ours = [&] {
     totals =
         pgl::host::distribute_budget(s.areas, s.depths, s.min_vertices, s.max_vertices, options, workspace, counts);
   };
-  const double ours_ms = least_ms(6, ours);
+  const double ours_ms = least_ms(12, ours);
   for (auto _ : state) ours();
   set_threads(0);
   state.SetItemsProcessed(state.iterations() * static_cast<std::int64_t>(object_count));
