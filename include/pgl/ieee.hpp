@@ -24,7 +24,8 @@
 /// The caller's thread must be in the default floating-point environment (no FTZ/DAZ, nearest rounding).
 /// The bits of a NaN result are not part of the promise (processors differ), except where a function says so: test
 /// for NaN, never store or compare its bits. Flags that break the promise and that the compiler tells of are refused
-/// above; clang does not tell of -funsafe-math-optimizations or -fassociative-math given alone.
+/// above; clang does not tell of -funsafe-math-optimizations or -fassociative-math given alone, nor nvcc of
+/// --use_fast_math or -ftz=true, which flush the subnormal floats of device code.
 namespace pgl::ieee {
 
 namespace detail {
