@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "scene/components.hpp"
 
-#include <utility>
-
 namespace pgl::scene {
 
 std::vector<MeshData> split_components(const MeshData& mesh) {
@@ -10,7 +8,7 @@ std::vector<MeshData> split_components(const MeshData& mesh) {
   const auto& triangles = mesh.triangles;
   const std::size_t vertex_count = mesh.positions.size();
 
-  // Union-find with path halving; the root of a set is its least vertex.
+  // Union-find with path halving.
   std::vector<std::uint32_t> parent(vertex_count);
   for (std::size_t v = 0; v < vertex_count; ++v) parent[v] = static_cast<std::uint32_t>(v);
   const auto root = [&](std::uint32_t v) {
@@ -18,12 +16,9 @@ std::vector<MeshData> split_components(const MeshData& mesh) {
     return v;
   };
   for (const auto& triangle : triangles) {
-    for (const std::uint32_t v : triangle.v) PGL_ASSERT(v < vertex_count);
-    for (int corner = 1; corner < 3; ++corner) {
-      std::uint32_t a = root(triangle.v[0]), b = root(triangle.v[corner]);
-      if (a > b) std::swap(a, b);
-      parent[b] = a;
-    }
+    PGL_ASSERT(triangle.v[0] < vertex_count && triangle.v[1] < vertex_count && triangle.v[2] < vertex_count);
+    parent[root(triangle.v[1])] = root(triangle.v[0]);
+    parent[root(triangle.v[2])] = root(triangle.v[0]);
   }
 
   // Number the sets by first triangle, and count what each will hold.

@@ -157,10 +157,12 @@ MeshData bake(const MeshData& mesh, const FileObject& object) {
 Scene import_scene(const std::filesystem::path& file, const ImportOptions& options, const Progress& progress,
                    ImportReport* report_out) {
   ImportReport report;
-  auto [meshes, objects, points_and_lines] = read_file(file, progress);
+  FileContent content = read_file(file, progress);
+  std::vector<MeshData>& meshes = content.meshes;
+  std::vector<FileObject>& objects = content.objects;
   report.objects_read = objects.size();
   report.meshes_read = meshes.size();
-  report.points_and_lines = points_and_lines;
+  report.points_and_lines = content.points_and_lines;
   for (const MeshData& mesh : meshes) {
     report.vertices_read += mesh.positions.size();
     report.triangles_read += mesh.triangles.size();

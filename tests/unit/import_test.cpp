@@ -45,14 +45,19 @@ void append(std::string& bytes, T value, bool big_endian = false) {
 const Points tetra_points{{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
 const std::vector<Corners> tetra_triangles{{{0, 2, 1}}, {{0, 1, 3}}, {{1, 2, 3}}, {{2, 0, 3}}};
 
+/// Lists have lengths of one byte, or four in the big-endian form.
 std::string binary_ply(bool big_endian) {
   std::string bytes = std::string("ply\nformat binary_") + (big_endian ? "big" : "little") +
                       "_endian 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n"
-                      "element face 4\nproperty list uchar int vertex_indices\nend_header\n";
+                      "element face 4\nproperty list " +
+                      (big_endian ? "uint" : "uchar") + " int vertex_indices\nend_header\n";
   for (const glm::vec3& p : tetra_points)
     for (int axis = 0; axis < 3; ++axis) append(bytes, p[axis], big_endian);
   for (const Corners& t : tetra_triangles) {
-    append(bytes, std::uint8_t{3});
+    if (big_endian)
+      append(bytes, std::uint32_t{3}, true);
+    else
+      append(bytes, std::uint8_t{3});
     for (const std::uint32_t v : t.v) append(bytes, static_cast<std::int32_t>(v), big_endian);
   }
   return bytes;
@@ -240,12 +245,12 @@ TEST(ImportPly, AcceptsFacesOfFewerThanThreeCorners) {
   const auto file =
       folder.write("segment.ply",
                    "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n"
-                   "property float z\nelement face 3\nproperty list uchar int vertex_indices\nend_header\n"
-                   "0 0 0\n1 0 0\n0 1 0\n2 0 1\n3 0 1 2\n1 2\n");
+                   "property float z\nelement face 4\nproperty list uchar int vertex_indices\nend_header\n"
+                   "0 0 0\n1 0 0\n0 1 0\n2 0 1\n3 0 1 2\n1 2\n0\n");
   ImportReport report;
   const Scene scene = import_scene(file, {}, {}, &report);
   EXPECT_EQ(scene.meshes.at(0).triangles, (std::vector<Corners>{{{0, 1, 2}}}));
-  EXPECT_EQ(report.points_and_lines, 2u);
+  EXPECT_EQ(report.points_and_lines, 3u);
 }
 
 TEST(ImportStl, WeldsTheSoupOfTextAndBinary) {
@@ -437,6 +442,7 @@ TEST(ImportBadInput, IsToldInOneLineThatNamesTheFile) {
   std::string stl = binary_stl();
   std::fill_n(stl.begin() + 80, 4, '\xff');
   expect(write("four_billion.stl", stl), "truncated: 4294967295");
+  expect(write("short.glb", tetra_glb().substr(0, 200)), "200 there");
   expect(write("four_billion.glb", tetra_glb(R"([{"mesh":0}])", "4294967295")), "past its buffer view");
   expect(write("list.ply",
                "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
@@ -466,7 +472,7 @@ TEST(ImportBadInput, IsToldInOneLineThatNamesTheFile) {
 TEST(ImportBadInput, OfTreesWithoutEndIsSurvived) {
   const TemporaryFolder folder;
   EXPECT_NE(reason(folder.write("cycle.glb", tetra_glb(R"([{"mesh":0,"children":[0]}])"))), "");
-  EXPECT_NE(reason(folder.write("brackets.gltf", std::string(2'000'000, '['))), "");
+  EXPECT_NE(reason(folder.write("brackets.gltf", std::string(500'000, '['))), "");
   EXPECT_NE(reason(folder.write("objects.gltf",
                                 [] {
                                   std::string text;
@@ -475,7 +481,7 @@ TEST(ImportBadInput, OfTreesWithoutEndIsSurvived) {
                                 }())),
             "");
   std::string chain = "[";
-  for (int k = 0; k < 50'000; ++k) chain += R"({"children":[)" + std::to_string(k + 1) + "]},";
+  for (int k = 0; k < 20'000; ++k) chain += R"({"children":[)" + std::to_string(k + 1) + "]},";
   reason(folder.write("chain.glb", tetra_glb(chain + R"({"mesh":0}])")));  // read or refused, but nothing falls over
 }
 
@@ -504,8 +510,8 @@ TEST(ImportBadInput, CutAtAnyPlaceIsRefusedOrSound) {
     const bool can_tell = std::string_view(name) != "cut.obj";
     // Text may lose its last line end, and digits of its last number, and still promise nothing more.
     const std::size_t end = bytes.size() - (bytes.back() == '\n' ? 13 : 1);
-    for (std::size_t k = 0; k < 25; ++k) {
-      const std::size_t length = end * k / 24;
+    for (std::size_t k = 0; k < 20; ++k) {
+      const std::size_t length = end * k / 19;
       const std::string why = reason(folder.write(name, bytes.substr(0, length)));
       if (can_tell) {
         EXPECT_NE(why, "") << name << " cut to " << length << " of " << bytes.size();
@@ -526,7 +532,7 @@ TEST(ImportBadInput, WithFlippedBitsIsRefusedOrSound) {
        {"flip.obj", support::read_bytes(fixture("groups.obj"))}}};
   std::mt19937 random(2);
   for (const auto& [name, bytes] : whole)
-    for (int k = 0; k < 25; ++k) {
+    for (int k = 0; k < 20; ++k) {
       std::string changed = bytes;
       for (int flips = 0; flips <= k % 8; ++flips)
         changed[random() % changed.size()] ^= static_cast<char>(1 << random() % 8);
