@@ -125,12 +125,10 @@ double best_seconds(int runs, Body body) {
   return best;
 }
 
-std::size_t all_threads() {
-  static const std::size_t n = pgl::host::thread_count();
-  return n;
-}
+const std::size_t all_threads = pgl::host::thread_count();
+
 std::size_t use_threads(bool all) {
-  const std::size_t n = all ? all_threads() : 1;
+  const std::size_t n = all ? all_threads : 1;
 #if defined(_OPENMP)
   omp_set_num_threads(static_cast<int>(n));
 #endif
@@ -238,8 +236,9 @@ BENCHMARK(reform_one_chain)
 // Bytes read and written per second, against memcpy of as many on as many threads.
 template <class Placed>
 void gather_against_memcpy(benchmark::State& state) {
-  const std::size_t used = use_threads(state.range(0) != 0);
-  const auto& s = scene_of<std::uint32_t>(36000, 940, 580);
+  const std::size_t used = use_threads(state.range(2) != 0);
+  const auto shown = static_cast<std::uint32_t>(state.range(1));
+  const auto& s = scene_of<std::uint32_t>(static_cast<std::uint32_t>(state.range(0)), 470, shown);
   std::vector<Placed> out(s.shown_vertices());
   const auto run = [&] {
     pgl::host::gather<Placed, glm::vec3>(s.meshes, s.objects, s.vertices, s.counts, s.vertex_offsets, out);
@@ -263,18 +262,12 @@ void gather_against_memcpy(benchmark::State& state) {
   state.counters["memcpy_GB/s"] = static_cast<double>(bytes) / copy * 1e-9;
   state.counters["of_memcpy"] = copy / ours;
 }
-BENCHMARK(gather_against_memcpy<glm::vec3>)
-    ->ArgName("all_cores")
-    ->Arg(0)
-    ->Arg(1)
-    ->Unit(benchmark::kMillisecond)
-    ->UseRealTime();
-BENCHMARK(gather_against_memcpy<pgl::PlacedVertex>)
-    ->ArgName("all_cores")
-    ->Arg(0)
-    ->Arg(1)
-    ->Unit(benchmark::kMillisecond)
-    ->UseRealTime();
+void selections(benchmark::internal::Benchmark* b) {
+  b->ArgNames({"objects", "shown", "all_cores"})->Unit(benchmark::kMillisecond)->UseRealTime();
+  for (const int all : {0, 1}) b->Args({36000, 470, all})->Args({718000, 22, all});
+}
+BENCHMARK(gather_against_memcpy<glm::vec3>)->Apply(selections);
+BENCHMARK(gather_against_memcpy<pgl::PlacedVertex>)->Apply(selections);
 
 }  // namespace
 

@@ -10,6 +10,7 @@
 #include "pgl/config.hpp"
 #include "pgl/gather.hpp"
 #include "pgl/host/parallel.hpp"
+#include "pgl/host/prefetch.hpp"
 #include "pgl/types.hpp"
 
 namespace pgl::host {
@@ -42,6 +43,10 @@ void gather(std::span<const Mesh> meshes, std::span<const Object> objects, std::
     for (; at < end; ++i) {
       PGL_ASSERT(vertex_offsets[i + 1] - vertex_offsets[i] == counts[i]);
       PGL_ASSERT(counts[i] <= meshes[objects[i].mesh].max_vertices);
+      if (i + 2 < objects.size()) prefetch(&meshes[objects[i + 2].mesh], 1);
+      if (i + 1 < objects.size()) {
+        prefetch(vertices.data() + meshes[objects[i + 1].mesh].first_vertex, counts[i + 1]);
+      }
       const Object object = objects[i];
       const std::uint64_t stop = std::min(end, vertex_offsets[i + 1]);
       const Vertex* from = vertices.data() + meshes[object.mesh].first_vertex + (at - vertex_offsets[i]);

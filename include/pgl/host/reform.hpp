@@ -11,6 +11,7 @@
 
 #include "pgl/config.hpp"
 #include "pgl/host/parallel.hpp"
+#include "pgl/host/prefetch.hpp"
 #include "pgl/reform.hpp"
 #include "pgl/types.hpp"
 
@@ -114,6 +115,12 @@ void reform(std::span<const Mesh> meshes, std::span<const Object> objects, std::
     const std::uint64_t end = std::min<std::uint64_t>(total, (c + 1) * chunk);
     auto i = static_cast<std::size_t>(std::ranges::lower_bound(triangle_offsets, c * chunk) - triangle_offsets.begin());
     for (; triangle_offsets[i] < end; ++i) {
+      if (i + 2 < objects.size()) prefetch(&meshes[objects[i + 2].mesh], 1);
+      if (i + 1 < objects.size() && size_of(i + 1) > 0) {
+        const Mesh& next = meshes[objects[i + 1].mesh];
+        prefetch(ecol.data() + next.first_vertex, counts[i + 1] < next.max_vertices ? next.max_vertices : 0);
+        prefetch(triangles.data() + next.first_triangle, size_of(i + 1));
+      }
       if (size_of(i) == 0) continue;
       const auto part = part_of(i, 0, size_of(i));
       const bool follow = part.count == part.vertices || part.vertices > table_worth * part.size;
