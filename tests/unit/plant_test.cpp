@@ -7,10 +7,13 @@
 
 #include <algorithm>
 #include <bit>
+#include <cmath>
+#include <numbers>
 #include <set>
 #include <string>
 #include <vector>
 
+#include "scene/plant_shapes.hpp"
 #include "support/surface.hpp"
 
 namespace {
@@ -82,6 +85,20 @@ TEST(Plant, HasTheSameBytesOnEveryCompiler) {
     hash.add(mesh);
   }
   EXPECT_EQ(hash.value, 2505627414376430777u);
+}
+
+TEST(Plant, AnglesAreExactToTheLastBits) {
+  for (int i = -4000; i <= 4000; ++i) {
+    const double turns = i / 777.0;
+    const pgl::scene::shapes::Turn t = pgl::scene::shapes::turn(turns);
+    const long double angle = 2 * std::numbers::pi_v<long double> * turns;
+    EXPECT_NEAR(t.c.v, static_cast<double>(std::cos(angle)), 1e-15);
+    EXPECT_NEAR(t.s.v, static_cast<double>(std::sin(angle)), 1e-15);
+  }
+  for (int quarter = -8; quarter <= 8; ++quarter) {  // a right angle is one
+    const pgl::scene::shapes::Turn t = pgl::scene::shapes::turn(quarter * 0.25);
+    EXPECT_EQ(std::abs(t.c.v) + std::abs(t.s.v), 1.0);
+  }
 }
 
 TEST(Plant, ObjectsDoNotDependOnWhatWasMadeBefore) {
