@@ -59,7 +59,8 @@ PGL_HD inline bool is_outside(const Box& box, const double* side) {
 /// as they are, satisfies |x| <= w, |y| <= w and -w <= z <= w (or 0 <= z <= w, by View::depth_range); the boundary is
 /// inside. Any matrix will do: reversed or infinite far, orthographic, mirrored, singular.
 /// A box is dropped when it lies wholly outside one of the six half-spaces, by an upper bound of the half-space's
-/// linear function. Boxes that stick out past a corner or edge of the frustum, outside no single half-space, stay.
+/// linear function. Boxes that stick out past a corner or edge of the frustum, outside no single half-space, stay:
+/// next to none while boxes are small beside the frustum.
 /// An empty box is not in view. A box with a NaN side is in view; one with infinite sides is, unless its finite sides
 /// put it outside.
 /// Source: [Peng13] 4.5.1, which asks for a corner of the box inside and so drops a box larger than the frustum.

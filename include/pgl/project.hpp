@@ -56,11 +56,13 @@ PGL_HD inline RowOverBox row_over_box(const glm::mat4& m, int row, const Box& bo
 /// (clip.y / clip.w + 1) * height / 2 of every point p of the box with clip.w >= near_depth that falls on the viewport
 /// [0, width] x [0, height], to which it is clamped; depth is at most the least clip.w, and at least near_depth. Both
 /// are rounded outwards, by a few parts in 10^16 of the terms in the matrix product and then to the next float.
+///
 /// A box that comes nearer than near_depth, or cannot be told from one, takes the whole viewport and near_depth; so
 /// does a box with a NaN or infinite side. A box that is empty, wholly behind the camera (clip.w < 0) or wholly beside
 /// the viewport gives the empty rectangle and near_depth. A point or a box seen edge-on still has a rectangle some ulps
-/// wide. With an orthographic matrix clip.w is 1 everywhere, and so is the depth. Preconditions: width, height and
-/// near_depth are finite and positive; every entry of clip_from_world is finite.
+/// wide, unless that falls on the viewport's edge. With an orthographic matrix clip.w, and so the depth, is 1.
+/// Preconditions: width, height and near_depth are finite and positive; every entry of clip_from_world is finite.
+/// Source: A and D of [Peng13] Eq 2.3, made finite for a camera inside the box.
 PGL_HD inline ScreenBox project(const Box& box, const View& view) {
   PGL_ASSERT(view.width > 0.0f && ieee::is_finite(view.width) && view.height > 0.0f && ieee::is_finite(view.height));
   PGL_ASSERT(view.near_depth > 0.0f && ieee::is_finite(view.near_depth));
