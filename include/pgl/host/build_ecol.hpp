@@ -540,35 +540,51 @@ class Collapser {
     w_.vanished_.swap(w_.degenerate_);
     w_.degenerate_.clear();
 
-    auto& sv = w_.state_[v];
-    sv.balanced = sv.balanced && w_.state_[u].balanced;
+    auto &su = w_.state_[u], &sv = w_.state_[v];
+    sv.balanced = sv.balanced && su.balanced;
     std::uint32_t kept = 0;
     for (Wedge* list = wedges(v).data(); const Wedge wedge : wedges(v)) {
       list[kept] = wedge;
       kept += wedge.next != u && wedge.previous != u;
     }
     sv.size = kept;
-    const std::uint32_t most = sv.size + w_.state_[u].size;
-    if (most > sv.capacity) {
-      const std::size_t first = w_.wedges_.size();
-      PGL_ASSERT(first + most + most / 2 < none);
-      w_.wedges_.resize(first + most + most / 2);
-      std::copy_n(w_.wedges_.begin() + sv.first, sv.size, w_.wedges_.begin() + static_cast<std::ptrdiff_t>(first));
-      sv.first = static_cast<std::uint32_t>(first);
-      sv.capacity = most + most / 2;
-    }
-    for (const Wedge& wedge : wedges(u)) {
-      if (wedge.next == v || wedge.previous == v) {
+    kept = 0;
+    for (Wedge* list = wedges(u).data(); const Wedge wedge : wedges(u)) {
+      const bool vanishes = wedge.next == v || wedge.previous == v;
+      list[kept] = wedge;
+      kept += !vanishes;
+      if (vanishes)
         w_.vanished_.push_back(wedge.triangle);
-      } else {
-        w_.wedges_[sv.first + sv.size++] = wedge;
-        if (with_normals_) move_corner(wedge.triangle, u, v);
-      }
+      else if (with_normals_)
+        move_corner(wedge.triangle, u, v);
     }
+    su.size = kept;
+    join(sv, su);
     std::sort(w_.vanished_.begin(), w_.vanished_.end());
     for (const std::uint32_t x : ring())
       if (x != v) rename(x, u, v);
-    w_.state_[u].size = 0;
+  }
+
+  /// Appends the wedges of `gone` to those of `to`, in the roomier of their two places, or in a new one: a place grows
+  /// by half, so a vertex that wanders through the mesh and gathers triangles costs memory in proportion.
+  void join(typename Work::State& to, typename Work::State& gone) {
+    if (to.capacity < gone.capacity) {
+      std::swap(to.first, gone.first);
+      std::swap(to.size, gone.size);
+      std::swap(to.capacity, gone.capacity);
+    }
+    const std::uint32_t size = to.size + gone.size;
+    if (size > to.capacity) {
+      const std::size_t first = w_.wedges_.size();
+      PGL_ASSERT(first + size + size / 2 < none);
+      w_.wedges_.resize(first + size + size / 2);
+      std::copy_n(w_.wedges_.data() + to.first, to.size, w_.wedges_.data() + first);
+      to.first = static_cast<std::uint32_t>(first);
+      to.capacity = size + size / 2;
+    }
+    std::copy_n(w_.wedges_.data() + gone.first, gone.size, w_.wedges_.data() + to.first + to.size);
+    to.size = size;
+    gone.size = 0;
   }
 
   void move_corner(std::uint32_t t, std::uint32_t u, std::uint32_t v) {
@@ -637,11 +653,13 @@ class Collapser {
 ///
 /// Everything is accepted and nothing is lost. Triangles with a repeated index have no edges; they are last in
 /// permute_t and leave with the first collapse. Duplicate triangles count with their multiplicity, edges of more than
-/// two triangles are kept from becoming open, isolated vertices stay. Preconditions: indices below V; V and 3T below
-/// 2^32; V at most 65535 with 16-bit indices (order a larger one in 32); positions finite (a coordinate that is not
-/// finite counts as the box's centre; the result is then still deterministic, but means little); boundary_penalty > 0.
+/// two triangles are kept from becoming open, isolated vertices stay. Preconditions: indices below V; V below 2^32, T
+/// below 2^28; V at most 65535 with 16-bit indices (order a larger one in 32); positions finite (a coordinate that is
+/// not finite counts as the box's centre; the result is then still deterministic, but means little); boundary_penalty >
+/// 0.
 ///
-/// About (V + T) log V work; memory from the workspace. Runs on one thread: run meshes in parallel, each thread with a
+/// About (V + T) log V work, plus the number of triangles around the two vertices of every collapse; memory from the
+/// workspace. Runs on one thread: run meshes in parallel, each thread with a
 /// workspace of its own. The result depends on the input alone, and not at all on an exact power-of-two scale.
 /// Source: [Peng13] 2.3, Eq 2.1 and 2.2, five steps; [PC11] 4.1; link condition: Dey, Edelsbrunner, Guha, Nekhayev,
 /// *Topology preserving edge contraction*, 1999; quadrics: Garland, Heckbert, *Surface simplification using quadric
