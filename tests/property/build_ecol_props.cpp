@@ -85,6 +85,8 @@ TriangleMesh soup_mesh(std::mt19937& rng) {
       }
       return mesh;
     }
+    case 2:  // edges of many triangles, few of them open
+      return soup(rng, 4 + below(rng, 4), 6 + below(rng, 24));
     default:
       return soup(rng, 1 + below(rng, 30), 1 + below(rng, 60));
   }

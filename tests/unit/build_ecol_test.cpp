@@ -16,30 +16,40 @@
 namespace {
 std::atomic<std::size_t> allocations{0}, allocated_bytes{0};
 
-void* counted(std::size_t bytes) {
+void* counted(std::size_t bytes, std::size_t alignment = alignof(std::max_align_t)) noexcept {
   allocations.fetch_add(1, std::memory_order_relaxed);
   allocated_bytes.fetch_add(bytes, std::memory_order_relaxed);
-  if (void* p = std::malloc(bytes == 0 ? 1 : bytes)) return p;
-  throw std::bad_alloc();
+  return std::aligned_alloc(alignment, (bytes + alignment - 1) / alignment * alignment + (bytes == 0 ? alignment : 0));
+}
+void* required(void* p) {
+  if (p == nullptr) throw std::bad_alloc();
+  return p;
 }
 }  // namespace
 
-void* operator new(std::size_t bytes) {
+// Not inlined: half inlined, g++ takes them for mismatched.
+[[gnu::noinline]] void* operator new(std::size_t bytes) {
+  return required(counted(bytes));
+}
+[[gnu::noinline]] void* operator new(std::size_t bytes, std::align_val_t alignment) {
+  return required(counted(bytes, static_cast<std::size_t>(alignment)));
+}
+[[gnu::noinline]] void* operator new(std::size_t bytes, const std::nothrow_t&) noexcept {
   return counted(bytes);
 }
-void* operator new[](std::size_t bytes) {
-  return counted(bytes);
-}
-void operator delete(void* p) noexcept {
+[[gnu::noinline]] void operator delete(void* p) noexcept {
   std::free(p);
 }
-void operator delete[](void* p) noexcept {
+[[gnu::noinline]] void operator delete(void* p, std::size_t) noexcept {
   std::free(p);
 }
-void operator delete(void* p, std::size_t) noexcept {
+[[gnu::noinline]] void operator delete(void* p, std::align_val_t) noexcept {
   std::free(p);
 }
-void operator delete[](void* p, std::size_t) noexcept {
+[[gnu::noinline]] void operator delete(void* p, std::size_t, std::align_val_t) noexcept {
+  std::free(p);
+}
+[[gnu::noinline]] void operator delete(void* p, const std::nothrow_t&) noexcept {
   std::free(p);
 }
 
@@ -651,19 +661,17 @@ TEST(BuildEcol, AllocatesNothingOnceWarm) {
 }
 
 TEST(BuildEcol, TakesAllOfSixteenBits) {
-  // 65536 vertices, the most that 16-bit indices can name, and each of them may be a target.
+  // The most vertices that 16-bit indices can name beside no_target. The last one is a target: its neighbour before it
+  // lies in the same place.
   std::mt19937 rng(9);
-  TriangleMesh mesh = jittered(torus(256, 256), rng, 0.001f);
-  ASSERT_EQ(mesh.positions.size(), 65536u);
-  // The last vertex is a target for certain: its neighbour lies close by.
-  mesh.positions[65534] = mesh.positions[65535];
-  const EcolOptions options;
-  const EcolResult wide = build<float, std::uint32_t>(mesh, options);
-  const EcolResult narrow = build<float, std::uint16_t>(mesh, options);
-  ASSERT_EQ(malformed(mesh, wide), "");
+  TriangleMesh mesh = jittered(torus(255, 257), rng, 0.001f);
+  ASSERT_EQ(mesh.positions.size(), 65535u);
+  mesh.positions[65533] = mesh.positions[65534];
+  const EcolResult wide = build<float, std::uint32_t>(mesh, {});
+  const EcolResult narrow = build<float, std::uint16_t>(mesh, {});
+  EXPECT_EQ(narrow.ecol[65533], 65534u);
   ASSERT_EQ(malformed(mesh, narrow), "");
-  ASSERT_EQ(difference_of(wide, narrow), "");
-  EXPECT_EQ(prefixes_differ(mesh, narrow, 16384), "");
+  EXPECT_EQ(difference_of(wide, narrow), "");
 }
 
 TEST(BuildEcol, SizeDoesNotMatter) {
