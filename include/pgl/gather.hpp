@@ -24,12 +24,12 @@ PGL_HD constexpr float transform_row(float mx, float my, float mz, float mw, con
 
 /// Tells whether a transform leaves every point where it is: equal to glm::mat4x3(1), where -0 counts as 0.
 PGL_HD constexpr bool is_identity(const glm::mat4x3& m) {
-  // One value without branches: a compiler can take it out of the loop over the points.
-  const int x = (m[0].x == 1.0f) & (m[0].y == 0.0f) & (m[0].z == 0.0f);
-  const int y = (m[1].x == 0.0f) & (m[1].y == 1.0f) & (m[1].z == 0.0f);
-  const int z = (m[2].x == 0.0f) & (m[2].y == 0.0f) & (m[2].z == 1.0f);
-  const int w = (m[3].x == 0.0f) & (m[3].y == 0.0f) & (m[3].z == 0.0f);
-  return (x & y & z & w) != 0;
+  // Counted, not chained by &&: without branches a compiler can take it out of the loop over the points.
+  int same = 0;
+  for (int column = 0; column < 4; ++column) {
+    for (int row = 0; row < 3; ++row) same += m[column][row] == (column == row ? 1.0f : 0.0f) ? 1 : 0;
+  }
+  return same == 12;
 }
 
 /// Applies an affine transform to a point: ((m[0]*p.x + m[1]*p.y) + m[2]*p.z) + m[3], in double, rounded once to float.
