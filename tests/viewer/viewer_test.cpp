@@ -8,11 +8,14 @@
 #include <array>
 #include <cmath>
 #include <cstdlib>
+#include <cstring>
 #include <filesystem>
 #include <fstream>
+#include <iomanip>
 #include <iterator>
 #include <nlohmann/json.hpp>
 #include <set>
+#include <sstream>
 #include <string>
 #include <vector>
 
@@ -237,15 +240,65 @@ TEST_F(Viewer, BudgetZeroLeavesTheBackground) {
 
 TEST_F(Viewer, AllOfAFileIsDrawnWhereTheBudgetAllows) {
   write_tetrahedron("one.obj");
-  write_tetrahedron("two.obj");
+  write(folder_ / "two.obj", "v 0 0 0\nv 1 0 0\nv 1 1 0\nf 1 2 3\n");
   const Json json = statistics({"--headless", "--size", "64x64", "--budget", "all", "one.obj", "two.obj"});
   SKIP_WITHOUT_GL(json);
   EXPECT_EQ(json["objects"], 2);
-  EXPECT_EQ(json["model"]["vertices"], 8);
-  EXPECT_EQ(json["model"]["triangles"], 8);
+  EXPECT_EQ(json["model"]["meshes"], 2);
+  EXPECT_EQ(json["model"]["vertices"], 7);
+  EXPECT_EQ(json["model"]["triangles"], 5);
   EXPECT_EQ(json["drawn"]["objects"], 2);
-  EXPECT_EQ(json["drawn"]["vertices"], 8);
-  EXPECT_EQ(json["drawn"]["triangles"], 8);
+  EXPECT_EQ(json["drawn"]["vertices"], 7);
+  EXPECT_EQ(json["drawn"]["triangles"], 5);
+}
+
+TEST_F(Viewer, ChecksumIsFnv1aOfVerticesThenIndices) {
+  const std::vector<std::array<float, 3>> corners = {{0.0f, 0.0f, 0.0f}, {1.5f, 0.0f, 0.0f}, {0.0f, 2.0f, -1.0f}};
+  write(folder_ / "one.obj", "v 0 0 0\nv 1.5 0 0\nv 0 2 -1\nf 1 2 3\n");
+  const Json json = statistics({"--headless", "--size", "64x64", "one.obj"});
+  SKIP_WITHOUT_GL(json);
+  // Preprocessing may put the three vertices in any order; the triangle keeps its own.
+  std::array<std::uint32_t, 3> place = {0, 1, 2};
+  std::set<std::string> possible;
+  do {
+    std::array<std::uint32_t, 15> words{};  // x, y, z, object of each vertex; three indices
+    for (std::size_t v = 0; v < 3; ++v) {
+      std::memcpy(&words[place[v] * 4], corners[v].data(), 12);
+      words[12 + v] = place[v];
+    }
+    std::uint64_t hash = 14695981039346656037u;
+    for (std::size_t i = 0; i < 60; ++i) {
+      hash ^= reinterpret_cast<const unsigned char*>(words.data())[i];
+      hash *= 1099511628211u;
+    }
+    std::ostringstream text;
+    text << std::hex << std::setw(16) << std::setfill('0') << hash;
+    possible.insert(text.str());
+  } while (std::ranges::next_permutation(place).found);
+  EXPECT_EQ(possible.size(), 6u);
+  EXPECT_TRUE(possible.contains(json["drawn"]["checksum"].get<std::string>())) << json["drawn"];
+}
+
+TEST_F(Viewer, ObjectsDifferInColorAndTheNearerOneHidesTheOther) {
+  const auto front_color = [&](const std::string& first_z, const std::string& second_z) {
+    std::string text = "o first\n", second = "o second\n";
+    for (const char* corner : {"-5 -5 ", "5 -5 ", "0 5 "}) {
+      text += "v " + std::string(corner) + first_z + "\n";
+      second += "v " + std::string(corner) + second_z + "\n";
+    }
+    write(folder_ / "two.obj", text + "f 1 2 3\n" + second + "f 4 5 6\n");
+    const Json json =
+        statistics({"--headless", "--size", "32x32", "--camera", "0,0,9,0,0,0", "--output", "two.png", "two.obj"});
+    EXPECT_TRUE(json.is_null() || json["drawn"]["objects"] == 2);
+    return json.is_null() ? std::array<std::uint8_t, 3>{} : picture("two.png").at(16, 20);
+  };
+  const auto first = front_color("1", "0"), second = front_color("0", "1");
+  if (first == std::array<std::uint8_t, 3>{}) GTEST_SKIP() << "this machine has no EGL to draw with";
+  int difference = 0;
+  for (std::size_t channel = 0; channel < 3; ++channel) {
+    difference = std::max(difference, std::abs(first[channel] - second[channel]));
+  }
+  EXPECT_GT(difference, 20);
 }
 
 TEST_F(Viewer, PictureIsNeitherMirroredNorUpsideDown) {
@@ -378,7 +431,7 @@ TEST_F(Viewer, ImpossibleOptionsAreRefusedInOneLine) {
   for (const auto& options : refused) {
     SCOPED_TRACE(testing::PrintToString(options));
     // Later than the good ones, so that those were read.
-    expect_refused(run(with({"--headless", "--output", "a.png", "--stats", "a.json"}, options)),
+    expect_refused(run(with({"--headless", "--output", "a.png", "--stats", "a.json", "--objects", "5"}, options)),
                    options[0] == "--no-weld" ? "--weld" : options[0]);
   }
 }
@@ -409,6 +462,7 @@ TEST_F(Viewer, PlacesThatCannotBeWrittenAreRefusedBeforeTheWork) {
   const std::vector<std::string> work = {"--headless", "missing.obj"};
   expect_refused(run(with(work, {"--output", "nowhere/a.png", "--stats", "a.json"})), "--output", kept);
   expect_refused(run(with(work, {"--output", "a.png", "--stats", "nowhere/a.json"})), "--stats", kept);
+  expect_refused(run(with(work, {"--output", "two\nlines/a.png"})), "--output", kept);
   expect_refused(run(with(work, {"--output", "taken.png"})), "--output", kept);
   expect_refused(run(with(work, {"--output", "a.png", "--stats", "taken.png"})), "--stats", kept);
   expect_refused(run(with(work, {"--stats", "/dev/null"})), "--stats", kept);
