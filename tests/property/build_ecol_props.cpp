@@ -78,7 +78,7 @@ TriangleMesh soup_mesh(std::mt19937& rng) {
       return two_tetrahedra(below(rng, 4));
     case 1: {  // a surface with some triangles doubled, some degenerate, some across
       TriangleMesh mesh = below(rng, 2) == 0 ? closed_mesh(rng) : open_mesh(rng);
-      for (std::uint32_t i = below(rng, 8); i > 0; --i) {
+      for (std::uint32_t i = below(rng, 8); i > 0 && !mesh.triangles.empty(); --i) {
         Corners t = mesh.triangles[below(rng, mesh.triangle_count())];
         if (below(rng, 2) == 0) t.v[below(rng, 3)] = below(rng, mesh.vertex_count());
         mesh.triangles.push_back(t);

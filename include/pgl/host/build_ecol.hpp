@@ -12,6 +12,7 @@
 
 #include "pgl/build_ecol.hpp"
 #include "pgl/host/bounds.hpp"
+#include "pgl/host/prefetch.hpp"
 
 namespace pgl::host {
 
@@ -139,13 +140,6 @@ class VertexHeap {
   std::vector<Entry> entries_;
   std::vector<std::uint32_t> place_;
 };
-
-/// Asks for a cache line that is needed soon: in a large mesh every collapse is somewhere else.
-inline void prefetch([[maybe_unused]] const void* address) {
-#if defined(__GNUC__) || defined(__clang__)
-  __builtin_prefetch(address);
-#endif
-}
 
 template <class Real>
 class Collapser;
@@ -441,7 +435,7 @@ class Collapser {
   /// Whether u -> v is allowed now. Leaves u's ring visited, with all counts set if it is.
   bool valid(std::uint32_t u, std::uint32_t v) {
     visit_ring(u);
-    for (const std::uint32_t x : ring()) prefetch(w_.state_.data() + x);
+    for (const std::uint32_t x : ring()) prefetch(w_.state_.data() + x, 1);
     for (const Wedge& wedge : wedges(u)) {
       w_.near_[wedge.previous].thirds += wedge.next == v;
       w_.near_[wedge.next].thirds += wedge.previous == v;
@@ -487,12 +481,12 @@ class Collapser {
   void collapse(std::uint32_t u, std::uint32_t v) {
     from_ = u;
     to_ = v;
-    for (const std::uint32_t x : ring()) prefetch(w_.wedges_.data() + w_.state_[x].first);
+    for (const std::uint32_t x : ring()) prefetch(w_.wedges_.data() + w_.state_[x].first, 1);
     for (const auto& next : w_.heap_.runners_up()) {
       const auto& s = w_.state_[vertex_of(next)];
-      prefetch(w_.wedges_.data() + s.first);
-      prefetch(w_.state_.data() + s.target);
-      prefetch(w_.near_.data() + s.target);
+      prefetch(w_.wedges_.data() + s.first, 1);
+      prefetch(w_.state_.data() + s.target, 1);
+      prefetch(w_.near_.data() + s.target, 1);
     }
     const bool u_on_boundary = w_.state_[u].boundary;
     if (with_quadrics_) merge_quadrics(u, v);

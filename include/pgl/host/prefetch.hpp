@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// A hint to the processor: objects come in order, but their meshes lie anywhere.
+// A hint to the processor, where what is needed next lies anywhere in memory.
 #pragma once
 
 #include <algorithm>
