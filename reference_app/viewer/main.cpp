@@ -24,8 +24,10 @@
 
 #include "pgl/host/parallel.hpp"
 #include "scene/build_model.hpp"
+#include "scene/for_each.hpp"
 #include "scene/import.hpp"
 #include "scene/plant.hpp"
+#include "scene/weld.hpp"
 #include "viewer/camera.hpp"
 #include "viewer/context.hpp"
 #include "viewer/frame.hpp"
@@ -82,15 +84,21 @@ scene::Scene import_files(const Options& options, const scene::Progress& progres
   return all;
 }
 
-/// Preprocesses the plant, which never exists as a whole before that.
+/// Preprocesses the plant, which never exists as a whole before that: objects are made twice, to be counted and to be
+/// kept. Its faces come unstitched, as those of real models do.
 scene::AnyModel build_plant(const Options& options, const scene::Progress& progress, scene::BuildReport& report) {
-  scene::MeshSource source;
-  source.count = options.plant.objects;
-  source.size = [&](std::size_t i) {
-    const scene::PlantSize size = scene::plant_object_size(options.plant, i);
-    return scene::MeshSize{size.vertices, size.triangles};
+  const auto make = [&](std::size_t i, scene::MeshData& mesh) {
+    scene::plant_object(options.plant, i, mesh);
+    if (options.import.weld) scene::weld(mesh);
   };
-  source.make = [&](std::size_t i, scene::MeshData& mesh) { scene::plant_object(options.plant, i, mesh); };
+  std::vector<scene::MeshSize> sizes(options.plant.objects);
+  std::vector<scene::MeshData> scratch(host::thread_count());
+  scene::for_each(sizes.size(), progress, "plant", [&](std::size_t i) {
+    scene::MeshData& mesh = scratch[host::thread_index()];
+    make(i, mesh);
+    sizes[i] = {mesh.positions.size(), mesh.triangles.size()};
+  });
+  const scene::MeshSource source{sizes.size(), [&](std::size_t i) { return sizes[i]; }, make};
   std::vector<Object> objects(source.count);
   for (std::size_t i = 0; i < source.count; ++i) objects[i].mesh = static_cast<std::uint32_t>(i);
   return scene::build_any_model(source, std::move(objects), options.ecol, progress, &report);

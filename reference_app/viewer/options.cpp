@@ -102,7 +102,7 @@ std::optional<Options> parse_options(int argc, const char* const* argv) {
                                         std::numeric_limits<std::uint64_t>::max(), "Seed of the plant [1]");
   CLI::Option* split = app.add_flag("--split", options.import.split, "Every connected part becomes an object");
   CLI::Option* flatten = app.add_flag("--flatten", options.import.flatten, "No shared meshes: one per object");
-  CLI::Option* weld = app.add_flag("--weld,!--no-weld", options.import.weld, "Merge identical vertices [on]");
+  app.add_flag("--weld,!--no-weld", options.import.weld, "Merge identical vertices [on]");
   bool refuse_non_finite = false;
   CLI::Option* strict = app.add_flag("--refuse-non-finite", refuse_non_finite,
                                      "Refuse a file with NaN or infinite vertices instead of dropping their objects");
@@ -189,7 +189,7 @@ std::optional<Options> parse_options(int argc, const char* const* argv) {
   }
 
   if (options.files.empty()) {
-    for (const CLI::Option* option : {split, flatten, weld, strict}) {
+    for (const CLI::Option* option : {split, flatten, strict}) {
       if (option->count() > 0) refuse(option->get_name(), "is for model files, and none is given");
     }
   } else {

@@ -252,6 +252,15 @@ TEST_F(Viewer, AllOfAFileIsDrawnWhereTheBudgetAllows) {
   EXPECT_EQ(json["drawn"]["triangles"], 5);
 }
 
+TEST_F(Viewer, WeldingStitchesThePlant) {
+  const Json whole = statistics(small_plant);
+  SKIP_WITHOUT_GL(whole);
+  const Json torn = statistics(with(small_plant, {"--no-weld"}));
+  EXPECT_EQ(whole["model"]["triangles"], torn["model"]["triangles"]);
+  EXPECT_LT(whole["model"]["vertices"], torn["model"]["vertices"]);
+  EXPECT_LT(whole["model"]["open_vertices"], torn["model"]["open_vertices"]);
+}
+
 TEST_F(Viewer, ChecksumIsFnv1aOfVerticesThenIndices) {
   const std::vector<std::array<float, 3>> corners = {{0.0f, 0.0f, 0.0f}, {1.5f, 0.0f, 0.0f}, {0.0f, 2.0f, -1.0f}};
   write(folder_ / "one.obj", "v 0 0 0\nv 1.5 0 0\nv 0 2 -1\nf 1 2 3\n");
@@ -424,7 +433,6 @@ TEST_F(Viewer, ImpossibleOptionsAreRefusedInOneLine) {
                                                          {"--output", ""},
                                                          {"--stats", ""},
                                                          {"--split"},
-                                                         {"--no-weld"},
                                                          {"--flatten"},
                                                          {"--refuse-non-finite"},
                                                          {"--turbo"}};
@@ -432,7 +440,7 @@ TEST_F(Viewer, ImpossibleOptionsAreRefusedInOneLine) {
     SCOPED_TRACE(testing::PrintToString(options));
     // Later than the good ones, so that those were read.
     expect_refused(run(with({"--headless", "--output", "a.png", "--stats", "a.json", "--objects", "5"}, options)),
-                   options[0] == "--no-weld" ? "--weld" : options[0]);
+                   options[0]);
   }
 }
 
