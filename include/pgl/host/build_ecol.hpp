@@ -409,16 +409,17 @@ class Collapser {
       best = better ? r : best;
     };
     visit_ring(u);
-    if (o_.metric == CostMetric::quadric && o_.boundary == BoundaryRule::locked) {
+    const std::size_t open = o_.boundary == BoundaryRule::slide ? open_edges() : 0;
+    s.boundary = open != 0;
+    const auto slides_to = [&](std::uint32_t x) { return open == 0 || (open == 2 && w_.near_[x].uses_u == 1); };
+    if (o_.metric == CostMetric::quadric) {
       const Quadric<Real> q = s.quadric;
       const Vector<Real> p = position(u);
-      for (const std::uint32_t x : ring()) consider(evaluate(q, difference(position(x), p)), x);
+      for (const std::uint32_t x : ring())
+        if (slides_to(x)) consider(evaluate(q, difference(position(x), p)), x);
     } else {
-      const std::size_t open = o_.boundary == BoundaryRule::slide ? open_edges() : 0;
-      s.boundary = open != 0;
-      if (open == 0 || open == 2)
-        for (const std::uint32_t x : ring())
-          if (open == 0 || w_.near_[x].uses_u == 1) consider(cost(u, x), x);
+      for (const std::uint32_t x : ring())
+        if (slides_to(x)) consider(cost(u, x), x);
     }
     s.target = vertex_of(best);
     s.cost = cost_of(best);
@@ -488,7 +489,6 @@ class Collapser {
       prefetch(w_.state_.data() + s.target, 1);
       prefetch(w_.near_.data() + s.target, 1);
     }
-    const bool u_on_boundary = w_.state_[u].boundary;
     if (with_quadrics_) merge_quadrics(u, v);
     move_triangles(u, v);
     w_.heap_.remove(u);
@@ -501,9 +501,10 @@ class Collapser {
       const auto& s = w_.state_[x];
       if (x == v || !s.movable) continue;
       const bool gone = n.uses_v != 0 && merged_edge_uses(n.uses_v, n.uses_u, n.thirds) == 0;
-      if (o_.metric == CostMetric::melax || s.rejected || s.target == u || s.boundary || u_on_boundary || gone)
+      const bool rim_changed = s.boundary && n.uses_v != 0;
+      if (o_.metric == CostMetric::melax || s.rejected || s.target == u || rim_changed || gone)
         w_.touched_.push_back(x);
-      else if (n.uses_v == 0)
+      else if (n.uses_v == 0 && (!s.boundary || (n.uses_u == 1 && s.target != none)))
         offer(x, v);
     }
     for (const Wedge& wedge : wedges(v))
