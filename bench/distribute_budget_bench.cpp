@@ -110,8 +110,8 @@ void set_threads(std::int64_t threads) {
 #endif
 }
 
-/// Arguments: threads (0: all), budget, 100 * alpha, 100 * PET, policy. Counter `speedup`: the plain version's least
-/// time over ours.
+/// Arguments: threads (0: all), budget, 100 * alpha, 100 * PET, policy (0: exact, 1: paper, 2: fair). Counter
+/// `speedup`: the plain version's least time over ours.
 void distribute_budget(benchmark::State& state) {
   const Scene& s = hall();
   set_threads(0);  // remembers how many there are
@@ -120,7 +120,9 @@ void distribute_budget(benchmark::State& state) {
   options.budget = static_cast<std::uint64_t>(state.range(1));
   options.alpha = static_cast<float>(state.range(2)) / 100;
   options.pet = static_cast<float>(state.range(3)) / 100;
-  options.policy = state.range(4) == 0 ? pgl::BudgetPolicy::exact : pgl::BudgetPolicy::paper;
+  constexpr pgl::BudgetPolicy policies[] = {pgl::BudgetPolicy::exact, pgl::BudgetPolicy::paper,
+                                            pgl::BudgetPolicy::fair};
+  options.policy = policies[state.range(4)];
 
   std::vector<std::uint32_t> counts(object_count);
   Plain plain;
@@ -147,6 +149,7 @@ BENCHMARK(distribute_budget)
     ->Args({1, paper_budget, 300, 100, 0})
     ->Args({0, paper_budget, 300, 100, 0})
     ->Args({1, paper_budget, 300, 100, 1})
+    ->Args({1, paper_budget, 300, 100, 2})
     ->Args({1, paper_budget / 10, 300, 100, 0})
     ->Args({1, paper_budget * 10, 300, 100, 0})
     ->Args({1, paper_budget, 110, 100, 0})

@@ -14,11 +14,15 @@ namespace pgl {
 /// How the clamped shares are brought to the budget.
 ///
 /// exact: the sum never exceeds the budget, and meets it whenever a drawn object could take one more vertex. Objects
-///   that are not eligible stay at 0. An object whose minimum alone exceeds the budget is not eligible.
+///   that are not eligible stay at 0. An object whose minimum alone exceeds the budget is not eligible. Heavy objects
+///   keep their whole share, so that where lighter ones are raised to their minima, the lightest are left out.
+/// fair: what exact promises, and counts as near to proportional as the ranges allow: [Peng13] Eq 2.3 solved under
+///   Eq 2.4, with one level for all objects (see level_vertices). An eligible object is below its range only when the
+///   minima of all eligible objects together exceed the budget; then it is as exact, starting from the minima.
 /// paper: [Peng13] Alg 2 as printed. It leaves out the lightest objects whose running sum is *at most* the excess, so
 ///   it can stay over budget; it lifts all objects, those of weight 0 too (after the others); and it fills whole
 ///   objects only, so it can stay below the budget.
-enum class BudgetPolicy : std::uint8_t { exact, paper };
+enum class BudgetPolicy : std::uint8_t { exact, fair, paper };
 
 /// What distribute_budget is asked for.
 struct BudgetOptions {
@@ -114,8 +118,9 @@ PGL_HD constexpr double share_exp2(double x) {
 /// object lighter.
 ///
 /// -infinity means not eligible: an area of 0, below the threshold or NaN (negative ones too), an infinite or NaN
-/// depth, a mesh without vertices, and with BudgetPolicy::exact a minimum above the budget. An infinite area counts as
-/// the viewport's, or as the largest float where that is infinite too; a zero or negative depth as near_depth.
+/// depth, a mesh without vertices, and except with BudgetPolicy::paper a minimum above the budget. An infinite area
+/// counts as the viewport's, or as the largest float where that is infinite too; a zero or negative depth as
+/// near_depth.
 /// area: pixels squared; depth: the object's nearest. Precondition: is_valid(options).
 PGL_HD inline float log_weight(float area, float depth, std::uint32_t min_vertices, std::uint32_t max_vertices,
                                const BudgetOptions& options) {
@@ -149,6 +154,32 @@ PGL_HD inline std::uint32_t share_weight(float log_weight, float heaviest, float
 PGL_HD constexpr std::uint32_t shared_vertices(std::uint32_t share, std::uint64_t share_sum, std::uint32_t min_vertices,
                                                std::uint32_t max_vertices, const BudgetOptions& options) {
   const std::uint64_t vertices = options.budget * share / share_sum;  // at most 2^32 * 2^31
+  if (vertices < min_vertices) return min_vertices;
+  return vertices > max_vertices ? max_vertices : static_cast<std::uint32_t>(vertices);
+}
+
+/// How many levels there are to choose from with BudgetPolicy::fair, see budget_level.
+inline constexpr std::uint32_t budget_levels = 53u << 11;
+
+/// Computes the level at `index` of the grid that BudgetPolicy::fair searches: all integers below 2^63 of at most 12
+/// significant bits, ascending from 0, so that neighbours differ by 1 or by at most a 2048th.
+/// Precondition: index < budget_levels.
+PGL_HD constexpr std::uint64_t budget_level(std::uint32_t index) {
+  constexpr std::uint32_t leading = 1u << 11;
+  if (index < leading) return index;
+  return static_cast<std::uint64_t>(leading | (index & (leading - 1))) << ((index >> 11) - 1);
+}
+
+/// Computes the vertex count that an eligible object has at a level: floor(level * share / 2^31), clamped to the
+/// object's range; exact integers.
+///
+/// The level is the count that the heaviest object would have without its range; all others are in proportion to it
+/// ([Peng13] Eq 2.3). A higher level or a larger share never gives less. At level 0 all have their minima.
+/// Preconditions: level < 2^63; share <= 2^31; min_vertices <= max_vertices.
+PGL_HD constexpr std::uint32_t level_vertices(std::uint64_t level, std::uint32_t share, std::uint32_t min_vertices,
+                                              std::uint32_t max_vertices) {
+  constexpr std::uint64_t low_bits = (std::uint64_t{1} << 31) - 1;
+  const std::uint64_t vertices = (level >> 31) * share + (((level & low_bits) * share) >> 31);  // below 2^63 + 2^31
   if (vertices < min_vertices) return min_vertices;
   return vertices > max_vertices ? max_vertices : static_cast<std::uint32_t>(vertices);
 }
@@ -197,14 +228,15 @@ struct BudgetPlan {
 /// The limit of the running sum of counts that decides what is left out when their sum exceeds the budget.
 /// Precondition: budget > 0.
 PGL_HD constexpr std::uint64_t reduction_limit(const BudgetOptions& options) {
-  return options.policy == BudgetPolicy::exact ? options.budget : options.budget - 1;
+  return options.policy == BudgetPolicy::paper ? options.budget - 1 : options.budget;
 }
 
 /// Plans the reduction to the budget, from the cut of the running sum of counts at reduction_limit.
 ///
-/// exact: the lightest objects are left out until the others fit. The last of them, the object at the cut, takes what
-/// the others leave if that is at least its minimum, and the sum is N; if not, it is left out and the rest goes back to
-/// the others. paper: the object at the cut, with which the running sum reaches N, stays whole.
+/// exact, fair: the lightest objects are left out until the others fit. The last of them, the object at the cut, takes
+/// what the others leave if that is at least its minimum, and the sum is N; if not, it is left out and the rest goes
+/// back to the others (with fair always: its count is its minimum). paper: the object at the cut, with which the running
+/// sum reaches N, stays whole.
 /// Preconditions: cut.key != 0; min_at_cut is the minimum of its object.
 PGL_HD constexpr BudgetPlan plan_reduction(const BudgetCut& cut, std::uint32_t min_at_cut,
                                            const BudgetOptions& options) {
@@ -230,7 +262,7 @@ PGL_HD constexpr std::uint64_t lift_from(const BudgetOptions& options) {
 /// Plans the lift by plan.left vertices, from the cut of the running sum of (maximum - count) at the limit plan.left,
 /// over the keys from lift_from on. (Those below plan.kept_from may be in the sum: they come last, and get 0 anyway.)
 ///
-/// The heaviest objects get their maximum; the object at the cut takes the remainder (exact) or nothing (paper).
+/// The heaviest objects get their maximum; the object at the cut takes the remainder (exact, fair) or nothing (paper).
 /// Precondition: count_at_cut is the count of the object at the cut, 0 where there is none.
 PGL_HD constexpr BudgetPlan plan_lift(BudgetPlan plan, const BudgetCut& cut, std::uint32_t count_at_cut,
                                       const BudgetOptions& options) {
@@ -239,7 +271,7 @@ PGL_HD constexpr BudgetPlan plan_lift(BudgetPlan plan, const BudgetCut& cut, std
     return plan;
   }
   plan.filled_from = cut.key + 1;
-  if (options.policy == BudgetPolicy::exact) {
+  if (options.policy != BudgetPolicy::paper) {
     plan.partial_key = cut.key;
     plan.partial = count_at_cut + static_cast<std::uint32_t>(plan.left - cut.before);
   }

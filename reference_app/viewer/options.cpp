@@ -130,9 +130,10 @@ std::optional<Options> parse_options(int argc, const char* const* argv) {
                     "Objects of fewer square pixels are not drawn [1]");
   parser.add_number("--min-triangles", options.min_triangles, 0u, std::numeric_limits<std::uint32_t>::max(),
                     "A drawn object keeps at least so many triangles [0]");
-  parser.add_choice<BudgetPolicy>("--policy", options.distribution.policy,
-                                  {{"exact", BudgetPolicy::exact}, {"paper", BudgetPolicy::paper}},
-                                  "How the budget is met [exact]");
+  parser.add_choice<BudgetPolicy>(
+      "--policy", options.distribution.policy,
+      {{"exact", BudgetPolicy::exact}, {"fair", BudgetPolicy::fair}, {"paper", BudgetPolicy::paper}},
+      "How the budget is met: fair leaves objects out only where it must [exact]");
   parser.add_choice<int>("--backend", options.backend, {{"host", 0}}, "What prepares the frames [host]");
   parser.add_number("--threads", options.threads, 1, 1024, "Threads of the host [all]");
 

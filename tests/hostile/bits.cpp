@@ -335,7 +335,7 @@ void distribute_budget(Hash& hash) {
     most[i] = least[i] + random.below(10000);
   }
   pgl::host::BudgetWorkspace workspace;
-  for (const pgl::BudgetPolicy policy : {pgl::BudgetPolicy::exact, pgl::BudgetPolicy::paper})
+  for (const pgl::BudgetPolicy policy : {pgl::BudgetPolicy::exact, pgl::BudgetPolicy::fair, pgl::BudgetPolicy::paper})
     for (const float alpha : {1.0001f, 2.3f, 3.0f, 7.0f, 64.0f})
       for (const std::uint64_t budget : {std::uint64_t{1000}, std::uint64_t{300000}, std::uint64_t{20000000}}) {
         const pgl::BudgetOptions options{.budget = budget, .alpha = alpha, .policy = policy};

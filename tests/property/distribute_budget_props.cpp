@@ -130,13 +130,19 @@ std::vector<float> weights_of(const Scene& scene) {
   return weights;
 }
 
-/// Eq 2.3 and 2.4 in 128-bit integers; 0 for objects that are not eligible.
-std::vector<Wide> clamped_shares(const Scene& scene, const std::vector<float>& weights) {
+/// 0 for objects that are not eligible.
+std::vector<Wide> shares_of(const Scene& scene, const std::vector<float>& weights) {
   const float heaviest = weights.empty() ? 0.0f : *std::max_element(weights.begin(), weights.end());
   std::vector<Wide> shares(scene.size());
-  Wide sum = 0;
   for (std::size_t i = 0; i < scene.size(); ++i)
-    if (weights[i] != -inf) sum += shares[i] = pgl::share_weight(weights[i], heaviest, scene.options.alpha);
+    if (weights[i] != -inf) shares[i] = pgl::share_weight(weights[i], heaviest, scene.options.alpha);
+  return shares;
+}
+
+/// Eq 2.3 and 2.4 in 128-bit integers; 0 for objects that are not eligible.
+std::vector<Wide> clamped_shares(const Scene& scene, const std::vector<float>& weights) {
+  std::vector<Wide> shares = shares_of(scene, weights);
+  const Wide sum = std::accumulate(shares.begin(), shares.end(), Wide{0});
   for (std::size_t i = 0; i < scene.size(); ++i)
     if (weights[i] != -inf)
       shares[i] = std::clamp<Wide>(static_cast<Wide>(scene.options.budget) * shares[i] / sum, scene.min_vertices[i],
@@ -155,10 +161,8 @@ Counts narrow(const std::vector<Wide>& counts) {
   return {counts.begin(), counts.end()};
 }
 
-/// The exact policy, told step by step.
-Counts exact_counts(const Scene& scene) {
-  const std::vector<float> weights = weights_of(scene);
-  std::vector<Wide> counts = clamped_shares(scene, weights);
+/// Reduction and lift of the exact and the fair policy, told step by step.
+Counts brought_to_budget(const Scene& scene, const std::vector<float>& weights, std::vector<Wide> counts) {
   std::vector<std::size_t> drawn = heaviest_first(weights);
   while (!drawn.empty() && weights[drawn.back()] == -inf) drawn.pop_back();
   const Wide budget = scene.options.budget;
@@ -180,6 +184,48 @@ Counts exact_counts(const Scene& scene) {
     total += more;
   }
   return narrow(counts);
+}
+
+Counts exact_counts(const Scene& scene) {
+  const std::vector<float> weights = weights_of(scene);
+  return brought_to_budget(scene, weights, clamped_shares(scene, weights));
+}
+
+/// All integers below 2^63 of at most 12 significant bits, ascending, each told from the one before.
+const std::vector<Wide>& levels() {
+  static const std::vector<Wide> all = [] {
+    std::vector<Wide> list;
+    Wide step = 1;
+    for (Wide level = 0; level < Wide{1} << 63; level += step) {
+      list.push_back(level);
+      if (level == 4096 * step) step *= 2;
+    }
+    return list;
+  }();
+  return all;
+}
+
+/// The counts at a level, in 128-bit integers; 0 for objects that are not eligible.
+std::vector<Wide> counts_at(Wide level, const Scene& scene, const std::vector<float>& weights,
+                            const std::vector<Wide>& shares) {
+  std::vector<Wide> counts(scene.size());
+  for (std::size_t i = 0; i < scene.size(); ++i)
+    if (weights[i] != -inf)
+      counts[i] = std::clamp<Wide>(level * shares[i] / (Wide{1} << 31), scene.min_vertices[i], scene.max_vertices[i]);
+  return counts;
+}
+
+/// The fair policy: the last level that fits, and the steps of the exact policy from there.
+Counts fair_counts(const Scene& scene) {
+  const std::vector<float> weights = weights_of(scene);
+  const std::vector<Wide> shares = shares_of(scene, weights);
+  const auto fits = [&](Wide level) {
+    const std::vector<Wide> counts = counts_at(level, scene, weights, shares);
+    return std::accumulate(counts.begin(), counts.end(), Wide{0}) <= static_cast<Wide>(scene.options.budget);
+  };
+  const auto beyond = std::partition_point(levels().begin(), levels().end(), fits);
+  const Wide level = beyond == levels().begin() ? 0 : *(beyond - 1);
+  return brought_to_budget(scene, weights, counts_at(level, scene, weights, shares));
 }
 
 /// Alg 2 as printed: sort, prefix sums, compare with the excess or the deficit.
@@ -232,6 +278,14 @@ std::uint64_t check_promises(const Scene& scene) {
           (weights[i] > weights[j] || (weights[i] == weights[j] && i < j)))
         RC_ASSERT(counts[i] >= counts[j]);
 
+  if (scene.options.policy == BudgetPolicy::fair) {
+    Wide minima = 0;
+    for (std::size_t i = 0; i < scene.size(); ++i)
+      if (weights[i] != -inf) minima += scene.min_vertices[i];
+    for (std::size_t i = 0; i < scene.size(); ++i)
+      if (weights[i] != -inf && minima <= budget) RC_ASSERT(counts[i] >= scene.min_vertices[i]);
+  }
+
   return static_cast<std::uint64_t>(total);
 }
 
@@ -240,7 +294,7 @@ constexpr int scenes = 20;  // for each of RapidCheck's hundred cases
 RC_GTEST_PROP(DistributeBudgetProps, keepsItsPromises, ()) {
   int met = 0, complete = 0, nothing = 0;
   for (int k = 0; k < scenes; ++k) {
-    const Scene scene = scene_of(30, BudgetPolicy::exact);
+    const Scene scene = scene_of(30, *rc::gen::element(BudgetPolicy::exact, BudgetPolicy::fair));
     const std::uint64_t total = check_promises(scene);
     (total == 0 ? nothing : total < scene.options.budget ? complete : met) += 1;
   }
@@ -253,6 +307,42 @@ RC_GTEST_PROP(DistributeBudgetProps, equalsTheStepByStepVersion, ()) {
   for (int k = 0; k < scenes; ++k) {
     const Scene scene = scene_of(40, BudgetPolicy::exact);
     RC_ASSERT(distribute(scene) == exact_counts(scene));
+  }
+}
+
+RC_GTEST_PROP(DistributeBudgetProps, fairPolicyEqualsTheStepByStepVersion, ()) {
+  int crowded = 0, lifted = 0;
+  for (int k = 0; k < scenes; ++k) {
+    const Scene scene = scene_of(40, BudgetPolicy::fair);
+    const Counts counts = distribute(scene);
+    RC_ASSERT(counts == fair_counts(scene));
+    const std::vector<float> weights = weights_of(scene);
+    Wide minima = 0;
+    for (std::size_t i = 0; i < scene.size(); ++i)
+      if (weights[i] != -inf) minima += scene.min_vertices[i];
+    (minima > static_cast<Wide>(scene.options.budget) ? crowded : lifted) += 1;
+  }
+  RC_CLASSIFY(crowded > scenes / 8, "an eighth cannot draw all minima");
+  RC_CLASSIFY(lifted > scenes / 4, "a quarter can");
+}
+
+/// One level at a time, without relying on the sum never falling.
+TEST(DistributeBudgetFair, FindsTheLastLevelOfAllThatFit) {
+  ASSERT_EQ(levels().size(), pgl::budget_levels);
+  for (std::uint32_t k = 0; k < pgl::budget_levels; ++k)
+    ASSERT_EQ(static_cast<std::uint64_t>(levels()[k]), pgl::budget_level(k));
+  for (std::uint32_t seed = 0; seed < 20; ++seed) {
+    Scene scene = large_scene(seed, 1 + 2 * seed);
+    scene.options.policy = BudgetPolicy::fair;
+    const std::vector<float> weights = weights_of(scene);
+    const std::vector<Wide> shares = shares_of(scene, weights);
+    Wide last = 0;
+    for (const Wide level : levels()) {
+      const std::vector<Wide> counts = counts_at(level, scene, weights, shares);
+      if (std::accumulate(counts.begin(), counts.end(), Wide{0}) <= static_cast<Wide>(scene.options.budget))
+        last = level;
+    }
+    EXPECT_EQ(distribute(scene), brought_to_budget(scene, weights, counts_at(last, scene, weights, shares)));
   }
 }
 
@@ -273,9 +363,11 @@ RC_GTEST_PROP(DistributeBudgetProps, paperPolicyEqualsAlgorithmTwo, ()) {
 TEST(DistributeBudgetLarge, DoesNotDependOnTheNumberOfThreads) {
   for (std::uint32_t seed = 0; seed < 6; ++seed) {
     Scene scene = large_scene(seed, 30000 + seed);
-    for (const BudgetPolicy policy : {BudgetPolicy::exact, BudgetPolicy::paper}) {
+    for (const BudgetPolicy policy : {BudgetPolicy::exact, BudgetPolicy::fair, BudgetPolicy::paper}) {
       scene.options.policy = policy;
-      const Counts expected = policy == BudgetPolicy::exact ? exact_counts(scene) : paper_counts(scene);
+      const Counts expected = policy == BudgetPolicy::exact  ? exact_counts(scene)
+                              : policy == BudgetPolicy::fair ? fair_counts(scene)
+                                                             : paper_counts(scene);
 #if defined(_OPENMP)
       const int before = omp_get_max_threads();
       for (const int threads : {1, 2, 3, 7}) {

@@ -122,14 +122,14 @@ TEST(DistributeBudget, FindsTheCutAmongEqualWeightsByIndex) {
 }
 
 TEST(DistributeBudget, DrawsNothingWithoutBudget) {
-  for (const BudgetPolicy policy : {BudgetPolicy::exact, BudgetPolicy::paper}) {
+  for (const BudgetPolicy policy : {BudgetPolicy::exact, BudgetPolicy::fair, BudgetPolicy::paper}) {
     EXPECT_EQ(distribute(one_two_four({0, 0, 0}), budget(0, 2.0f, policy)).counts, (Counts{0, 0, 0}));
     EXPECT_EQ(distribute(one_two_four({1, 1, 1}), budget(0, 2.0f, policy)).counts, (Counts{0, 0, 0}));
   }
 }
 
 TEST(DistributeBudget, AcceptsNoObjects) {
-  for (const BudgetPolicy policy : {BudgetPolicy::exact, BudgetPolicy::paper})
+  for (const BudgetPolicy policy : {BudgetPolicy::exact, BudgetPolicy::fair, BudgetPolicy::paper})
     EXPECT_EQ(distribute({}, budget(100, 2.0f, policy)).totals, (pgl::host::BudgetTotals{0, 0}));
 }
 
@@ -166,19 +166,107 @@ TEST(DistributeBudget, ClampsDepthAndArea) {
 
 TEST(DistributeBudget, SurvivesTheLargestSizes) {
   constexpr std::uint32_t two_31 = std::uint32_t{1} << 31;
-  for (const float alpha : {std::nextafter(1.0f, 2.0f), 3.0f, 64.0f}) {
-    const std::size_t n = 5;
-    Scene scene{std::vector<float>(n, inf), std::vector<float>(n, 0.0f), Counts(n, two_31), Counts(n, two_31)};
-    BudgetOptions options = budget(two_32, alpha);
-    options.near_depth = std::numeric_limits<float>::denorm_min();
-    EXPECT_EQ(distribute(scene, options).counts, (Counts{two_31, two_31, 0, 0, 0}));
-    scene.min_vertices.assign(n, 0);
-    EXPECT_EQ(distribute(scene, options).totals.vertices, two_32);
-    scene.max_vertices.assign(n, ~std::uint32_t{0});
-    EXPECT_EQ(distribute(scene, options).totals.vertices, two_32);
-    scene.areas.assign(n, 0.0f);
-    scene.areas[3] = 1.0f;
-    EXPECT_EQ(distribute(scene, options).counts, (Counts{0, 0, 0, ~std::uint32_t{0}, 0}));
+  for (const BudgetPolicy policy : {BudgetPolicy::exact, BudgetPolicy::fair})
+    for (const float alpha : {std::nextafter(1.0f, 2.0f), 3.0f, 64.0f}) {
+      const std::size_t n = 5;
+      Scene scene{std::vector<float>(n, inf), std::vector<float>(n, 0.0f), Counts(n, two_31), Counts(n, two_31)};
+      BudgetOptions options = budget(two_32, alpha, policy);
+      options.near_depth = std::numeric_limits<float>::denorm_min();
+      EXPECT_EQ(distribute(scene, options).counts, (Counts{two_31, two_31, 0, 0, 0}));
+      scene.min_vertices.assign(n, 0);
+      EXPECT_EQ(distribute(scene, options).totals.vertices, two_32);
+      scene.max_vertices.assign(n, ~std::uint32_t{0});
+      EXPECT_EQ(distribute(scene, options).totals.vertices, two_32);
+      scene.areas.assign(n, 0.0f);
+      scene.areas[3] = 1.0f;
+      EXPECT_EQ(distribute(scene, options).counts, (Counts{0, 0, 0, ~std::uint32_t{0}, 0}));
+    }
+}
+
+TEST(DistributeBudget, FairPolicySharesInProportionWithinTheRanges) {
+  const auto fair = [](std::uint64_t n) { return budget(n, 2.0f, BudgetPolicy::fair); };
+  EXPECT_EQ(distribute(one_two_four({0, 0, 0}), fair(70)).counts, (Counts{10, 20, 40}));
+  EXPECT_EQ(distribute(one_two_four({0, 0, 0}), fair(160)).counts, (Counts{32, 64, 64}));  // level 128
+  // Level 41 takes 10 + 20 + 41, level 42 one too many: the heaviest gets the remainder.
+  EXPECT_EQ(distribute(one_two_four({0, 0, 0}), fair(72)).counts, (Counts{10, 20, 42}));
+  // Level 30 takes 20 + 20 + 30: the heaviest pays for what the others' minima take.
+  EXPECT_EQ(distribute(one_two_four({20, 20, 20}), fair(70)).counts, (Counts{20, 20, 30}));
+  // The minimum of the heaviest alone is above its part.
+  EXPECT_EQ(distribute(one_two_four({0, 0, 50}), fair(80)).counts, (Counts{10, 20, 50}));
+  // Parts 2 : 1 : 1, the first complete with 16: the others share the rest, where exact lifts the heavier of the two.
+  EXPECT_EQ(distribute({{16, 1, 1}, {1, 1, 1}, {0, 0, 0}, {16, 64, 64}}, fair(64)).counts, (Counts{16, 24, 24}));
+  EXPECT_EQ(distribute(one_two_four({8, 8, 8}), fair(191)).counts, (Counts{63, 64, 64}));
+  EXPECT_EQ(distribute(one_two_four({8, 8, 8}), fair(192)).counts, (Counts{64, 64, 64}));
+  EXPECT_EQ(distribute(one_two_four({8, 8, 8}), fair(two_32)).counts, (Counts{64, 64, 64}));
+}
+
+TEST(DistributeBudget, FairPolicyLeavesObjectsOutOnlyWhenTheMinimaExceedTheBudget) {
+  const auto fair = [](std::uint64_t n) { return budget(n, 2.0f, BudgetPolicy::fair); };
+  EXPECT_EQ(distribute(one_two_four({20, 20, 20}), fair(60)).counts, (Counts{20, 20, 20}));
+  EXPECT_EQ(distribute(one_two_four({20, 20, 20}), budget(60)).counts, (Counts{0, 20, 40}));
+  EXPECT_EQ(distribute(one_two_four({8, 40, 8}), fair(70)).counts, (Counts{8, 40, 22}));
+  EXPECT_EQ(distribute(one_two_four({8, 40, 8}), budget(70)).counts, (Counts{0, 0, 64}));
+  // Below the sum of the minima the lightest go, and what they leave goes to the heaviest.
+  EXPECT_EQ(distribute(one_two_four({20, 20, 20}), fair(59)).counts, (Counts{0, 20, 39}));
+  EXPECT_EQ(distribute(one_two_four({20, 20, 20}), fair(40)).counts, (Counts{0, 20, 20}));
+  EXPECT_EQ(distribute(one_two_four({20, 20, 20}), fair(39)).counts, (Counts{0, 0, 39}));
+  EXPECT_EQ(distribute(one_two_four({20, 20, 20}), fair(19)).counts, (Counts{0, 0, 0}));
+  EXPECT_EQ(distribute(one_two_four({1, 64, 8}), fair(70)).counts, (Counts{0, 0, 64}));
+  // The heaviest needs more than there is: it does not count.
+  EXPECT_EQ(distribute({{1, 4, 1000}, {1, 1, 1}, {2, 2, 65}, {64, 64, 80}}, fair(60)).counts, (Counts{20, 40, 0}));
+}
+
+TEST(DistributeBudget, FairPolicyDrawsTheManyBesideTheFew) {
+  // 8 large objects, and 1024 small ones of a 128th of their part, which need 8 vertices at least.
+  Scene scene{std::vector<float>(1032, 1.0f), std::vector<float>(1032, 1.0f), Counts(1032, 8), Counts(1032, 1024)};
+  std::fill(scene.areas.begin(), scene.areas.begin() + 8, 0x1p14f);
+  // Exact: 640 for each large one, which leaves 5120, and the 5 of each small one become 8: 640 of them fit.
+  EXPECT_EQ(distribute(scene, budget(10240)).totals, (pgl::host::BudgetTotals{648, 10240}));
+  // Fair: 8 for each small one, which leaves 256 for each large one.
+  Counts expected(1032, 8);
+  std::fill(expected.begin(), expected.begin() + 8, 256u);
+  EXPECT_EQ(distribute(scene, budget(10240, 2.0f, BudgetPolicy::fair)).counts, expected);
+}
+
+TEST(DistributeBudget, FairPolicySearchesLevelsOfTwelveBits) {
+  const Scene scene{{1, 4}, {1, 1}, {0, 0}, {20000, 20000}};
+  const auto fair = [&](std::uint64_t n) { return distribute(scene, budget(n, 2.0f, BudgetPolicy::fair)).counts; };
+  EXPECT_EQ(fair(12300), (Counts{4100, 8200}));
+  EXPECT_EQ(fair(12305), (Counts{4100, 8205}));  // the next level is 8204
+  EXPECT_EQ(fair(12306), (Counts{4102, 8204}));
+}
+
+TEST(BudgetLevel, HasTwelveSignificantBits) {
+  EXPECT_EQ(pgl::budget_level(0), 0u);
+  for (const std::uint32_t k : {1u, 2047u, 2048u, 4095u, 4096u}) EXPECT_EQ(pgl::budget_level(k), k);
+  EXPECT_EQ(pgl::budget_level(4097), 4098u);
+  EXPECT_EQ(pgl::budget_level(6143), 8190u);
+  EXPECT_EQ(pgl::budget_level(6144), 8192u);
+  EXPECT_EQ(pgl::budget_level(6145), 8196u);
+  EXPECT_EQ(pgl::budget_level(pgl::budget_levels - 1), std::uint64_t{0xfff} << 51);
+}
+
+TEST(LevelVertices, AreExactAtTheExtremes) {
+  constexpr std::uint32_t one = std::uint32_t{1} << 31, most = ~std::uint32_t{0};
+  constexpr std::uint64_t top = std::uint64_t{0xfff} << 51;
+  EXPECT_EQ(pgl::level_vertices(top, one, 0, most), most);
+  EXPECT_EQ(pgl::level_vertices(top, 1, 0, most), 0xfff00000u);
+  EXPECT_EQ(pgl::level_vertices(top, 0, 3, most), 3u);
+  EXPECT_EQ(pgl::level_vertices(0, one, 3, most), 3u);
+  EXPECT_EQ(pgl::level_vertices(3, one - 1, 0, most), 2u);
+  EXPECT_EQ(pgl::level_vertices(two_32 - 1, one, 0, most), most);
+  EXPECT_EQ(pgl::level_vertices((std::uint64_t{1} << 62) + one - 1, 3, 0, 7), 7u);
+  EXPECT_EQ(pgl::level_vertices((std::uint64_t{1} << 33) + one - 1, 3, 0, most), 14u);
+}
+
+TEST(DistributeBudget, FairPolicyReachesObjectsOfTheSmallestShares) {
+  // The part of the lighter one is 2^-31 of the heavier one's, and 2^-40, which counts as 0.
+  for (const float area : {0x1p31f, 0x1p40f}) {
+    const Scene scene{{1, area}, {1, 1}, {2, 0}, {~std::uint32_t{0}, 1}};
+    const auto fair = [](std::uint64_t n) { return budget(n, std::nextafter(1.0f, 2.0f), BudgetPolicy::fair); };
+    EXPECT_EQ(distribute(scene, fair(two_32)).counts, (Counts{~std::uint32_t{0}, 1}));
+    EXPECT_EQ(distribute(scene, fair(two_32 - 1)).counts, (Counts{~std::uint32_t{0} - 1, 1}));
+    EXPECT_EQ(distribute(scene, fair(2)).counts, (Counts{2, 0}));
   }
 }
 

@@ -108,6 +108,19 @@ BudgetCut find_budget_cut(const BudgetKeys& objects, std::uint64_t least, std::u
   return cut;
 }
 
+/// Finds the highest level of the grid at which sum_at(level), which never falls, is at most the budget, in 17 steps; 0
+/// where it is so at none.
+template <class SumAt>
+std::uint64_t find_budget_level(std::uint64_t budget, SumAt&& sum_at) {
+  std::uint32_t low = 0;
+  std::uint32_t high = budget_levels;
+  while (high - low > 1) {
+    const std::uint32_t middle = low + (high - low) / 2;
+    (sum_at(budget_level(middle)) <= budget ? low : high) = middle;
+  }
+  return budget_level(low);
+}
+
 }  // namespace detail
 
 /// Fills in how few and how many vertices each object may be drawn with, as distribute_budget takes them.
@@ -131,13 +144,14 @@ inline void vertex_limits(std::span<const std::uint32_t> mesh_of_object, std::sp
 ///
 /// Each eligible object (see log_weight) gets the part of the budget that its weight calls for, clamped to its range.
 /// If that is too much in all, the lightest objects get 0; if too little, the heaviest get more. What that means to the
-/// last vertex is said at BudgetPolicy. With BudgetPolicy::exact:
+/// last vertex is said at BudgetPolicy. With BudgetPolicy::exact and BudgetPolicy::fair:
 /// - the counts sum up to at most the budget, and to exactly the budget whenever an object with a count above 0 could
 ///   take one more vertex;
 /// - each count is 0 or in [min_vertices, max_vertices]; objects that are not eligible get 0;
 /// - of two objects with the same range, the heavier has at least the lighter's count (ties: the lower index is
 ///   heavier);
-/// - something is drawn whenever the budget is above 0 and an object is eligible.
+/// - something is drawn whenever the budget is above 0 and an object is eligible;
+/// - with BudgetPolicy::fair, every eligible object is in its range if the minima of all of them fit into the budget.
 /// Lighter objects that would fit into what the object at the cut leaves are not tried: the order decides.
 ///
 /// areas: in, n areas on the screen, pixels squared; 0 for a culled object. depths: in, n nearest depths.
@@ -184,12 +198,26 @@ inline BudgetTotals distribute_budget(std::span<const float> areas, std::span<co
       sum += counts[object_of_key(key)] = share_weight(weight_of_key(key), heaviest, options.alpha);
     return sum;
   });
+  std::uint64_t level = 0;
+  if (options.policy == BudgetPolicy::fair)
+    level = detail::find_budget_level(options.budget, [&](std::uint64_t candidate) {
+      return objects.sum([&](Keys keys) {
+        std::uint64_t sum = 0;
+        for (const std::uint64_t key : keys) {
+          const std::uint32_t i = object_of_key(key);
+          sum += level_vertices(candidate, counts[i], min_vertices[i], max_vertices[i]);
+        }
+        return sum;
+      });
+    });
   const std::uint64_t shared = objects.sum([&](Keys keys) {
     std::uint64_t sum = 0;
     for (const std::uint64_t key : keys) {
       if (key < least_eligible_key()) continue;
       const std::uint32_t i = object_of_key(key);
-      sum += counts[i] = shared_vertices(counts[i], share_sum, min_vertices[i], max_vertices[i], options);
+      sum += counts[i] = options.policy == BudgetPolicy::fair
+                             ? level_vertices(level, counts[i], min_vertices[i], max_vertices[i])
+                             : shared_vertices(counts[i], share_sum, min_vertices[i], max_vertices[i], options);
     }
     return sum;
   });
