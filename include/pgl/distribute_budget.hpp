@@ -180,8 +180,9 @@ PGL_HD constexpr std::uint32_t level_vertices(std::uint64_t level, std::uint32_t
                                               std::uint32_t max_vertices) {
   constexpr std::uint64_t low_bits = (std::uint64_t{1} << 31) - 1;
   const std::uint64_t vertices = (level >> 31) * share + (((level & low_bits) * share) >> 31);  // below 2^63 + 2^31
-  if (vertices < min_vertices) return min_vertices;
-  return vertices > max_vertices ? max_vertices : static_cast<std::uint32_t>(vertices);
+  // Written so that nothing branches: which side of its range an object is on cannot be predicted.
+  const std::uint64_t raised = vertices < min_vertices ? min_vertices : vertices;
+  return static_cast<std::uint32_t>(raised < max_vertices ? raised : max_vertices);
 }
 
 /// Packs the total order of the objects into an integer: the larger key is the heavier object; among equal weights it
@@ -235,8 +236,9 @@ PGL_HD constexpr std::uint64_t reduction_limit(const BudgetOptions& options) {
 ///
 /// exact, fair: the lightest objects are left out until the others fit. The last of them, the object at the cut, takes
 /// what the others leave if that is at least its minimum, and the sum is N; if not, it is left out and the rest goes
-/// back to the others (with fair always: its count is its minimum). paper: the object at the cut, with which the running
-/// sum reaches N, stays whole.
+/// back to the others (fair: always, since its count is its minimum). paper: the object at the cut, with which the
+/// running sum reaches N, stays whole.
+///
 /// Preconditions: cut.key != 0; min_at_cut is the minimum of its object.
 PGL_HD constexpr BudgetPlan plan_reduction(const BudgetCut& cut, std::uint32_t min_at_cut,
                                            const BudgetOptions& options) {
