@@ -40,6 +40,7 @@ __global__ void object_kernel(const pgl::Object* objects, const pgl::Box* boxes,
   rectangles[i] = pgl::in_frustum(box, view) ? pgl::project(box, view) : pgl::ScreenBox{};
   weights[i] = pgl::log_weight(pgl::projected_area(rectangles[i]), rectangles[i].depth, 4, 400, options);
   shares[i] = pgl::share_weight(weights[i], weights[0], options.alpha);
+  shares[i] = pgl::level_vertices(pgl::budget_level(i % pgl::budget_levels), shares[i], 4, 400);
   shares[i] += pgl::mirrored(objects[i].transform) ? 1u : 0u;
 }
 
