@@ -196,11 +196,37 @@ PGL_HD Real plane_distance(Real value, Real weight) {
   return value > 0 && weight > 0 ? ieee::sqrt(ieee::div(value, weight)) : Real(0);
 }
 
+/// A distance in normalised units, in the model's.
+template <class Real>
+PGL_HD float in_model_units(Real distance, const Normalisation& n) {
+  return ieee::to_float(ieee::div(static_cast<double>(distance), n.scale));
+}
+
 /// How differently two triangles face, 0 (same) to 1 (opposite), from unit normals: (1 - f.n) / 2, [Peng13] Eq 2.2.
 /// A triangle without area has the zero normal and differs by 1/2 from any.
 template <class Real>
 PGL_HD Real dissimilarity(const Vector<Real>& f, const Vector<Real>& n) {
   return ieee::mul(ieee::sub(Real(1), dot_product(f, n)), Real(0.5));
+}
+
+/// How sharply a boundary vertex turns when it slides from the direction `along` of the open edge behind it into the
+/// direction `ahead` of the one it merges along, times the penalty: the boundary's part in the curvature of Eq 2.2.
+template <class Real>
+PGL_HD Real slide_curvature(const Vector<Real>& along, const Vector<Real>& ahead, Real penalty) {
+  return ieee::mul(penalty, dissimilarity(along, ahead));
+}
+
+/// [Peng13] Eq 2.2: the length of the edge times the curvature, which is the largest dissimilarity of a triangle of the
+/// vertex that goes to the likest triangle on the edge (and, sliding, the largest slide_curvature).
+template <class Real>
+PGL_HD Real melax_cost(Real edge_length, Real curvature) {
+  return ieee::mul(edge_length, curvature);
+}
+
+/// The length of the edge, times the penalty for a vertex that slides along the boundary.
+template <class Real>
+PGL_HD Real edge_length_cost(Real edge_length, bool slides, Real penalty) {
+  return slides ? ieee::mul(edge_length, penalty) : edge_length;
 }
 
 /// The cost as build_ecol orders it: never negative, NaN is infinite; then an integer that orders like it.

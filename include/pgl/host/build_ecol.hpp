@@ -285,7 +285,7 @@ class Collapser {
   /// The triangles that the last collapse removed, ascending. The first collapse also removes the degenerate ones.
   std::span<const std::uint32_t> vanished() const { return w_.vanished_; }
   /// Geometric error of the last collapse, in model units.
-  float error() const { return ieee::to_float(ieee::div(static_cast<double>(plane_distance_), normalisation_.scale)); }
+  float error() const { return in_model_units(plane_distance_, normalisation_); }
 
  private:
   std::span<Wedge> wedges(std::uint32_t v) { return {w_.wedges_.data() + w_.state_[v].first, w_.state_[v].size}; }
@@ -376,7 +376,7 @@ class Collapser {
     const Real l = length(d);
     const bool slides = w_.state_[u].boundary;
     const auto penalty = static_cast<Real>(o_.boundary_penalty);
-    if (o_.metric == CostMetric::edge_length) return slides ? ieee::mul(l, penalty) : l;
+    if (o_.metric == CostMetric::edge_length) return edge_length_cost(l, slides, penalty);
     w_.edge_normals_.clear();
     for (const Wedge& n : wedges(u))
       if (n.next == x || n.previous == x) w_.edge_normals_.push_back(w_.normals_[n.triangle]);
@@ -392,10 +392,10 @@ class Collapser {
       for (const std::uint32_t y : ring()) {
         if (y == x || w_.near_[y].uses_u != 1) continue;
         const Vector<Real> along = direction(difference(position(u), position(y)));
-        curvature = ieee::max(ieee::mul(penalty, dissimilarity(along, ahead)), curvature);
+        curvature = ieee::max(slide_curvature(along, ahead, penalty), curvature);
       }
     }
-    return ieee::mul(l, curvature);
+    return melax_cost(l, curvature);
   }
 
   /// Finds u's cheapest target; with `after`, the cheapest one behind (cost, target) in the order. No target: none.
