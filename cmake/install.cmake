@@ -3,7 +3,7 @@ include(GNUInstallDirs)
 include(CMakePackageConfigHelpers)
 
 install(TARGETS pgl pgl_host EXPORT pglTargets)
-install(DIRECTORY include/pgl DESTINATION ${CMAKE_INSTALL_INCLUDEDIR})
+install(DIRECTORY include/pgl DESTINATION ${CMAKE_INSTALL_INCLUDEDIR} PATTERN "README.md" EXCLUDE)
 install(EXPORT pglTargets NAMESPACE pgl:: DESTINATION ${CMAKE_INSTALL_DATADIR}/cmake/pgl)
 
 configure_package_config_file(cmake/pglConfig.cmake.in ${CMAKE_CURRENT_BINARY_DIR}/pglConfig.cmake
