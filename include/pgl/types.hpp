@@ -52,6 +52,17 @@ struct Mesh {
   friend constexpr bool operator==(const Mesh&, const Mesh&) = default;
 };
 
+/// One mesh of many before it is ordered, as build_ecol and rearrange take them in a batch: which part of the arrays of
+/// vertices, triangles (indices local to the mesh) and map is its own. Parts of different meshes do not overlap.
+struct MeshRange {
+  std::uint64_t first_vertex = 0;
+  std::uint64_t first_triangle = 0;
+  std::uint64_t first_map = 0;  ///< vertices + 1 entries from here on
+  std::uint32_t vertices = 0;
+  std::uint32_t triangles = 0;
+  friend constexpr bool operator==(const MeshRange&, const MeshRange&) = default;
+};
+
 /// The number of triangles of a mesh at `vertices` vertices; 0 vertices (not drawn) have none.
 /// Precondition: vertices is 0 or in [mesh.min_vertices, mesh.max_vertices].
 PGL_HD constexpr std::uint32_t triangles_at(const Mesh& mesh, const std::uint32_t* map, std::uint32_t vertices) {
