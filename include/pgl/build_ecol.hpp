@@ -22,6 +22,12 @@ enum class BoundaryRule : std::uint8_t {
   slide,   ///< it may merge along an open edge into its neighbour, at a penalty; no new open edge ever appears
 };
 
+/// Which collapse is next.
+enum class EcolOrder : std::uint8_t {
+  greedy,  ///< always the least valid one of the whole mesh
+  rounds,  ///< independent sets of locally least ones within a factor of two of the least: parallel inside one mesh
+};
+
 /// How build_ecol orders the collapses of one mesh.
 struct EcolOptions {
   CostMetric metric = CostMetric::quadric;
@@ -29,6 +35,7 @@ struct EcolOptions {
   bool link_condition = true;  ///< only collapses that keep the topology: closed 2-manifolds stay closed, same genus
   bool flip_guard = true;      ///< no collapse that turns a triangle's normal by more than about 78 degrees
   float boundary_penalty = 10.0f;  ///< slide: weight of open edges against surface, > 0
+  EcolOrder order = EcolOrder::greedy;
 };
 
 /// A vector in the precision of the cost arithmetic, float or double. Plain storage.

@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: MIT
-// Progressive collapse order on the CPU: exact greedy half-edge collapsing of one mesh.
+// Progressive collapse order on the CPU: half-edge collapsing, exact greedy or by rounds, of one mesh or of many.
 #pragma once
 
 #include <algorithm>
+#include <array>
+#include <atomic>
 #include <cstddef>
 #include <cstdint>
 #include <span>
@@ -11,8 +13,10 @@
 #include <vector>
 
 #include "pgl/build_ecol.hpp"
+#include "pgl/collapse.hpp"
 #include "pgl/host/bounds.hpp"
 #include "pgl/host/prefetch.hpp"
+#include "pgl/host/prefix_sum.hpp"
 
 namespace pgl::host {
 
@@ -143,6 +147,8 @@ class VertexHeap {
 
 template <class Real>
 class Collapser;
+template <class Real>
+class Rounds;
 
 }  // namespace detail
 
@@ -151,6 +157,7 @@ class Collapser;
 template <class Real = float>
 class EcolWorkspace {
   friend class detail::Collapser<Real>;
+  friend class detail::Rounds<Real>;
 
   /// What a visit to a neighbour touches: its position, and counts that are valid while `stamp` is the current one.
   struct Near {
@@ -185,6 +192,20 @@ class EcolWorkspace {
   std::vector<Vector<Real>> normals_, edge_normals_;
   std::vector<std::uint32_t> ring_, touched_, vanished_, degenerate_;
   detail::VertexHeap<Real> heap_;
+
+  /// What a mesh collapsed by rounds needs besides (the vectors above have other element types).
+  struct RoundsState {
+    std::vector<Vector<Real>> positions, normals;
+    std::vector<Quadric<Real>> quadrics;
+    std::vector<Real> weights;
+    std::vector<std::uint32_t> first, last, corners, next;
+    std::vector<std::uint8_t> flags, stale;
+    std::vector<CandidateOf<Real, std::uint32_t>> least;
+    std::vector<std::uint64_t> claims;
+    std::vector<std::uint32_t> live, winners;
+    std::vector<float> distances;
+  };
+  RoundsState rounds_;
 };
 
 namespace detail {
@@ -624,10 +645,236 @@ class Collapser {
   Real plane_distance_ = 0;
 };
 
+/// One mesh collapsed by rounds, see collapse.hpp: every step of a round runs over all vertices on all threads.
+template <class Real>
+class Rounds {
+  using Mesh = CollapsingMesh<Real, std::uint32_t>;
+  using Cost = typename Mesh::Cost;
+  static constexpr Cost no_cost = static_cast<Cost>(~Cost{0});
+
+ public:
+  template <class Index>
+  Rounds(EcolWorkspace<Real>& work, const EcolOptions& options, bool with_error, std::span<const glm::vec3> positions,
+         std::span<const Triangle<Index>> triangles, std::span<const std::uint8_t> locked,
+         std::span<std::uint32_t> removed_by)
+      : w_(work.rounds_), removed_by_(removed_by), normalisation_(normalisation(bounds(positions))) {
+    const std::size_t vertices = positions.size();
+    m_.vertices = static_cast<std::uint32_t>(vertices);
+    m_.triangles = static_cast<std::uint32_t>(triangles.size());
+    m_.options = options;
+    const auto room = [](auto& array, std::size_t size, bool wanted = true) {
+      if (array.size() < size) array.resize(size);
+      return wanted ? array.data() : nullptr;
+    };
+    m_.positions = room(w_.positions, vertices);
+    m_.quadrics = room(w_.quadrics, vertices, with_error || options.metric == CostMetric::quadric);
+    m_.weights = room(w_.weights, vertices, with_error);
+    m_.first = room(w_.first, vertices);
+    m_.last = room(w_.last, vertices);
+    m_.flags = room(w_.flags, vertices);
+    m_.corners = room(w_.corners, 3 * triangles.size());
+    m_.next = room(w_.next, 3 * triangles.size());
+    m_.normals = room(w_.normals, triangles.size(), options.metric == CostMetric::melax);
+    room(w_.stale, vertices);
+    room(w_.least, vertices);
+    room(w_.claims, vertices);
+    room(w_.winners, vertices);
+    room(w_.distances, vertices);
+
+    parallel_for(vertices, grain, [&](std::size_t v) {
+      m_.positions[v] = normalise<Real>(positions[v], normalisation_);
+      m_.first[v] = m_.last[v] = Mesh::none;
+    });
+    for (std::uint32_t t = m_.triangles; t-- > 0;) {  // pushed in front, so that each list ascends
+      const auto& v = triangles[t].v;
+      PGL_ASSERT(v[0] < vertices && v[1] < vertices && v[2] < vertices);
+      const bool degenerate = v[0] == v[1] || v[1] == v[2] || v[2] == v[0];
+      for (std::uint32_t c = 3; c-- > 0;) {
+        const std::uint32_t corner = 3 * t + c;
+        m_.corners[corner] = degenerate ? Mesh::none : std::uint32_t{v[c]};
+        if (degenerate) continue;
+        m_.next[corner] = m_.first[v[c]];
+        if (m_.first[v[c]] == Mesh::none) m_.last[v[c]] = corner;
+        m_.first[v[c]] = corner;
+      }
+    }
+    if (m_.normals != nullptr) {
+      parallel_for(triangles.size(), grain, [&](std::size_t t) {
+        const auto triangle = static_cast<std::uint32_t>(t);
+        if (!is_gone(m_, triangle)) m_.normals[t] = direction(normal_of(m_, triangle));
+      });
+    }
+    w_.live.resize(vertices);
+    parallel_for(vertices, grain, [&](std::size_t v) {
+      const auto u = static_cast<std::uint32_t>(v);
+      set_up_vertex(m_, u, locked.empty() || locked[v] == 0);
+      w_.stale[v] = 1;
+      w_.live[v] = u;
+    });
+  }
+
+  /// Performs the next round and returns the vertices that went, in order; none when no valid collapse is left.
+  std::span<const std::uint32_t> step() {
+    for (;;) {
+      const Found found = look();
+      if (found.any) break;
+      if (found.least == no_cost) return {};
+      limit_ = round_limit(found.least);
+    }
+    for_live([&](std::uint32_t u) {
+      if (w_.least[u].target == Mesh::none) return;
+      for_region(m_, u, w_.least[u].target, [&](std::uint32_t x) {
+        const std::uint64_t rank = round_rank(w_.least[u].cost, u);
+        const std::atomic_ref<std::uint64_t> claim(w_.claims[x]);
+        for (std::uint64_t old = claim.load(); rank < old && !claim.compare_exchange_weak(old, rank);) {
+        }
+        return true;
+      });
+    });
+
+    const std::size_t blocks = block_count(w_.live.size());
+    std::array<std::size_t, max_blocks> begins{}, sizes{};
+    for_blocks(w_.live.size(), blocks, [&](std::size_t b, std::size_t begin, std::size_t end) {
+      begins[b] = begin;
+      for (std::size_t i = begin; i < end; ++i) {
+        const std::uint32_t u = w_.live[i];
+        if ((m_.flags[u] & Mesh::movable) == 0 || w_.least[u].target == Mesh::none) continue;
+        const std::uint64_t rank = round_rank(w_.least[u].cost, u);
+        const bool wins = for_region(m_, u, w_.least[u].target, [&](std::uint32_t x) { return w_.claims[x] == rank; });
+        if (wins) w_.winners[begin + sizes[b]++] = u;
+      }
+    });
+    std::size_t winners = 0;
+    for (std::size_t b = 0; b < blocks; ++b) {
+      std::copy_n(w_.winners.begin() + static_cast<std::ptrdiff_t>(begins[b]), sizes[b],
+                  w_.winners.begin() + static_cast<std::ptrdiff_t>(winners));
+      winners += sizes[b];
+    }
+    parallel_for(winners, 64, [&](std::size_t i) {
+      const std::uint32_t u = w_.winners[i];
+      const Real distance = perform_collapse(
+          m_, u, w_.least[u].target, [&](std::uint32_t t) { removed_by_[t] = u; },
+          [&](std::uint32_t x) { w_.stale[x] = 1; });
+      w_.distances[u] = in_model_units(distance, normalisation_);
+    });
+
+    gone_ += winners;
+    if (gone_ > w_.live.size() / 8) {
+      std::erase_if(w_.live, [&](std::uint32_t u) { return (m_.flags[u] & Mesh::present) == 0; });
+      gone_ = 0;
+    }
+    return {w_.winners.data(), winners};
+  }
+
+  std::uint32_t target(std::uint32_t u) const { return w_.least[u].target; }
+  float distance(std::uint32_t u) const { return w_.distances[u]; }
+  std::span<std::uint32_t> scratch() { return w_.winners; }  ///< an entry per vertex, free between steps
+
+ private:
+  static constexpr std::size_t grain = 4096;
+
+  struct Found {
+    bool any = false;      ///< some vertex has a valid collapse within the limit
+    Cost least = no_cost;  ///< of the others' cheapest ones
+    void operator+=(const Found& other) {
+      any = any || other.any;
+      least = std::min(least, other.least);
+    }
+  };
+
+  template <class Body>
+  void for_live(Body&& body) {
+    for_blocks(w_.live.size(), block_count(w_.live.size()), [&](std::size_t, std::size_t begin, std::size_t end) {
+      for (std::size_t i = begin; i < end; ++i)
+        if ((m_.flags[w_.live[i]] & Mesh::movable) != 0) body(w_.live[i]);
+    });
+  }
+
+  /// Brings every vertex's least collapse up to date.
+  Found look() {
+    return sum_blocks(w_.live.size(), block_count(w_.live.size()),
+                      [&](std::size_t, std::size_t begin, std::size_t end) {
+                        Found found;
+                        for (std::size_t i = begin; i < end; ++i) {
+                          const std::uint32_t u = w_.live[i];
+                          auto& least = w_.least[u];
+                          w_.claims[u] = ~std::uint64_t{0};
+                          if ((m_.flags[u] & Mesh::movable) == 0) continue;
+                          if (w_.stale[u] != 0 || (least.target == Mesh::none && least.cost <= limit_)) {
+                            least = least_collapse(m_, u, limit_);
+                            w_.stale[u] = 0;
+                          }
+                          if (least.target != Mesh::none)
+                            found.any = true;
+                          else
+                            found.least = std::min(found.least, least.cost);
+                        }
+                        return found;
+                      });
+  }
+
+  typename EcolWorkspace<Real>::RoundsState& w_;
+  std::span<std::uint32_t> removed_by_;
+  Normalisation normalisation_;
+  Mesh m_;
+  Cost limit_ = 0;
+  std::size_t gone_ = 0;
+};
+
+/// build_ecol with EcolOrder::rounds.
+template <class Real, class Index>
+std::uint32_t build_by_rounds(std::span<const glm::vec3> positions, std::span<const Triangle<Index>> triangles,
+                              std::span<const std::uint8_t> locked, const EcolOptions& options,
+                              EcolWorkspace<Real>& workspace, std::span<Index> ecol, std::span<Index> permute_v,
+                              std::span<std::uint32_t> permute_t, std::span<std::uint32_t> map,
+                              std::span<float> error) {
+  const auto vertices = static_cast<std::uint32_t>(positions.size());
+  std::fill(ecol.begin(), ecol.end(), no_target<Index>);
+  std::fill(permute_t.begin(), permute_t.end(), none);  // until the places are known: the vertex that took it away
+  Rounds<Real> rounds(workspace, options, !error.empty(), positions, triangles, locked, permute_t);
+
+  std::uint32_t left = vertices;
+  float worst = 0;
+  std::uint32_t first_to_go = none;
+  if (!error.empty()) error[left] = 0;
+  for (auto gone = rounds.step(); !gone.empty(); gone = rounds.step()) {
+    if (first_to_go == none) first_to_go = gone.front();
+    for (const std::uint32_t u : gone) {
+      ecol[u] = static_cast<Index>(rounds.target(u));
+      permute_v[u] = static_cast<Index>(--left);
+      if (!error.empty()) error[left] = worst = ieee::max(rounds.distance(u), worst);
+    }
+  }
+
+  // The triangles that each vertex took away, and the degenerate ones with the first; then their places.
+  std::fill(map.begin() + left, map.end(), 0u);
+  for (std::size_t t = 0; t < triangles.size(); ++t) {
+    const auto& v = triangles[t].v;
+    if (v[0] == v[1] || v[1] == v[2] || v[2] == v[0]) permute_t[t] = first_to_go;
+    if (permute_t[t] != none) ++map[permute_v[permute_t[t]]];
+  }
+  auto triangles_left = static_cast<std::uint32_t>(triangles.size());
+  for (std::uint32_t k = vertices + 1; k-- > left;) map[k] = triangles_left -= map[k];
+  const std::span<std::uint32_t> cursors = rounds.scratch();
+  for (std::uint32_t k = left; k < vertices; ++k) cursors[k] = map[k + 1];
+  std::uint32_t next = 0;
+  for (std::uint32_t& t : permute_t) t = t == none ? next++ : --cursors[permute_v[t]];
+
+  next = 0;
+  for (std::uint32_t v = 0; v < vertices; ++v)
+    if (ecol[v] == no_target<Index>) permute_v[v] = static_cast<Index>(next++);
+  return left;
+}
+
 }  // namespace detail
 
 /// Orders the collapses of one mesh: repeatedly performs the least valid half-edge collapse, by (cost, vertex that
 /// goes, vertex it merges into), until none is valid. Returns the number of vertices left, `min`.
+///
+/// With EcolOrder::rounds it performs many at a time instead, as pgl/collapse.hpp says: in each round the collapses
+/// that are least in their neighbourhoods and cost less than twice as much as the least one known when the limit last
+/// rose, in the order of the vertices that go. Everything below holds for both; a prefix is a little coarser or finer
+/// in places. Rounds keep all threads busy inside one mesh; the greedy order runs on one.
 ///
 /// A collapse u -> v moves u onto v; the triangles that contain both vanish. It is valid when u is not masked by
 /// `locked`, when it respects the open edges (options.boundary), and, by option, the topology (link condition: the
@@ -653,12 +900,13 @@ class Collapser {
 /// not finite counts as the box's centre; the result is then still deterministic, but means little); boundary_penalty >
 /// 0.
 ///
-/// About (V + T) log V work, plus the number of triangles around the two vertices of every collapse; memory from the
-/// workspace. Runs on one thread: run meshes in parallel, each thread with a
-/// workspace of its own. The result depends on the input alone, and not at all on an exact power-of-two scale.
-/// Source: [Peng13] 2.3, Eq 2.1 and 2.2, five steps; [PC11] 4.1; link condition: Dey, Edelsbrunner, Guha, Nekhayev,
-/// *Topology preserving edge contraction*, 1999; quadrics: Garland, Heckbert, *Surface simplification using quadric
-/// error metrics*, 1997. In use: tests/unit/build_ecol_test.cpp.
+/// Greedy: about (V + T) log V work, plus the number of triangles around the two vertices of every collapse. Rounds: a
+/// pass over the vertices left per round, of which there are some hundreds, plus, for every vertex looked at, the
+/// product of the triangles at both ends of the collapses tried. Memory from the workspace. Run many meshes in
+/// parallel, each thread with a workspace of its own (see the overload below). The result depends on the input alone,
+/// and not at all on an exact power-of-two scale. Source: [Peng13] 2.3, Eq 2.1 and 2.2, five steps; [PC11] 4.1; link
+/// condition: Dey, Edelsbrunner, Guha, Nekhayev, *Topology preserving edge contraction*, 1999; quadrics: Garland,
+/// Heckbert, *Surface simplification using quadric error metrics*, 1997. In use: tests/unit/build_ecol_test.cpp.
 template <class Real = float, class Index>
 std::uint32_t build_ecol(std::span<const glm::vec3> positions, std::span<const Triangle<Index>> triangles,
                          std::span<const std::uint8_t> locked, const EcolOptions& options,
@@ -671,6 +919,9 @@ std::uint32_t build_ecol(std::span<const glm::vec3> positions, std::span<const T
   PGL_ASSERT(locked.empty() || locked.size() == vertices);
   PGL_ASSERT(positions.size() <= no_target<Index>);
 
+  if (options.order == EcolOrder::rounds)
+    return detail::build_by_rounds<Real, Index>(positions, triangles, locked, options, workspace, ecol, permute_v,
+                                                permute_t, map, error);
   std::fill(ecol.begin(), ecol.end(), no_target<Index>);
   std::fill(permute_t.begin(), permute_t.end(), detail::none);
   detail::Collapser<Real> collapser(workspace, options, !error.empty());
@@ -696,6 +947,38 @@ std::uint32_t build_ecol(std::span<const glm::vec3> positions, std::span<const T
   for (std::uint32_t& t : permute_t)
     if (t == detail::none) t = next++;
   return left;
+}
+
+/// Orders the collapses of many meshes, each as the call above does; in parallel over the meshes.
+///
+/// `meshes`: which parts of positions, triangles, ecol, permute_v (by first_vertex), permute_t (by first_triangle), map
+/// and error (by first_map, vertices + 1 entries) belong to each; what belongs to none is left as it is. `locked` is
+/// empty or has a flag per position. min_vertices: out, per mesh, what the call above returns. `workspaces` grows to
+/// one per thread and is kept warm by the caller. Other preconditions and promises as above; the result does not depend
+/// on the number of threads.
+template <class Real = float, class Index>
+void build_ecol(std::span<const MeshRange> meshes, std::span<const glm::vec3> positions,
+                std::span<const Triangle<Index>> triangles, std::span<const std::uint8_t> locked,
+                const EcolOptions& options, std::vector<EcolWorkspace<Real>>& workspaces, std::span<Index> ecol,
+                std::span<Index> permute_v, std::span<std::uint32_t> permute_t, std::span<std::uint32_t> map,
+                std::span<float> error, std::span<std::uint32_t> min_vertices) {
+  PGL_ASSERT(min_vertices.size() == meshes.size());
+  PGL_ASSERT(ecol.size() == positions.size() && permute_v.size() == positions.size());
+  PGL_ASSERT(permute_t.size() == triangles.size() && (error.empty() || error.size() == map.size()));
+  if (workspaces.size() < thread_count()) workspaces.resize(thread_count());
+  parallel_for(meshes.size(), 1, [&](std::size_t i) {
+    const MeshRange& mesh = meshes[i];
+    PGL_ASSERT(mesh.first_map + mesh.vertices < map.size());
+    const auto of_mesh = [&](auto array, std::uint64_t first, std::size_t size) {
+      return array.empty() ? array : array.subspan(first, size);
+    };
+    min_vertices[i] = build_ecol<Real, Index>(
+        of_mesh(positions, mesh.first_vertex, mesh.vertices), of_mesh(triangles, mesh.first_triangle, mesh.triangles),
+        of_mesh(locked, mesh.first_vertex, mesh.vertices), options, workspaces[thread_index()],
+        of_mesh(ecol, mesh.first_vertex, mesh.vertices), of_mesh(permute_v, mesh.first_vertex, mesh.vertices),
+        of_mesh(permute_t, mesh.first_triangle, mesh.triangles), of_mesh(map, mesh.first_map, mesh.vertices + 1u),
+        of_mesh(error, mesh.first_map, mesh.vertices + 1u));
+  });
 }
 
 }  // namespace pgl::host
