@@ -34,6 +34,17 @@ struct BudgetOptions {
   BudgetPolicy policy = BudgetPolicy::exact;
 };
 
+/// What distribute_budget gave out.
+struct BudgetTotals {
+  std::uint64_t objects = 0;   ///< objects with a count above 0
+  std::uint64_t vertices = 0;  ///< sum of all counts
+  constexpr void operator+=(const BudgetTotals& other) {
+    objects += other.objects;
+    vertices += other.vertices;
+  }
+  friend constexpr bool operator==(const BudgetTotals&, const BudgetTotals&) = default;
+};
+
 /// Tells whether every option is in its documented range. NaN is in none.
 PGL_HD constexpr bool is_valid(const BudgetOptions& options) {
   return options.budget <= (std::uint64_t{1} << 32) && options.alpha > 1.0f && options.alpha <= 64.0f &&

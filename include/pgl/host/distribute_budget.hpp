@@ -38,16 +38,7 @@ struct BudgetWorkspace {
   std::vector<detail::BudgetBucket> buckets;
 };
 
-/// What distribute_budget gave out.
-struct BudgetTotals {
-  std::uint64_t objects = 0;   ///< objects with a count above 0
-  std::uint64_t vertices = 0;  ///< sum of all counts
-  constexpr void operator+=(const BudgetTotals& other) {
-    objects += other.objects;
-    vertices += other.vertices;
-  }
-  friend constexpr bool operator==(const BudgetTotals&, const BudgetTotals&) = default;
-};
+using pgl::BudgetTotals;
 
 namespace detail {
 
