@@ -23,6 +23,21 @@ PGL_HD constexpr Index follow_collapses(const Index* ecol, std::uint32_t count, 
   return v;
 }
 
+/// Follows the three corners of a triangle side by side, each as follow_collapses does, taking one of `steps` for every
+/// round in which one of them moves. Out of steps, it stops where it is: a corner of the result is then still >= count.
+/// Corner is Index, or wider. Precondition: as for follow_collapses.
+template <class Index, class Corner>
+PGL_HD constexpr Triangle<Corner> follow_corners(const Index* ecol, std::uint32_t count, Triangle<Corner> t,
+                                                 std::uint32_t& steps) {
+  for (; steps != 0 && (t.v[0] >= count || t.v[1] >= count || t.v[2] >= count); --steps) {
+    for (Corner& v : t.v) {
+      PGL_ASSERT(v < count || ecol[v] < v);
+      if (v >= count) v = ecol[v];
+    }
+  }
+  return t;
+}
+
 /// Entry v of the table of final vertices: where follow_collapses ends from v with steps enough.
 /// Precondition: the table is filled below v.
 template <class Index>

@@ -8,28 +8,22 @@
 #include <cstdint>
 #include <random>
 #include <span>
-#include <utility>
 #include <vector>
 
 #include "pgl/host/reform.hpp"
 #include "support/random_collapse.hpp"
+#include "support/random_scene.hpp"
 
 namespace {
 
-template <class Index>
-test::CollapsingMesh<Index> any_mesh() {
-  std::mt19937 random(*rc::gen::arbitrary<std::uint32_t>());
-  const auto vertices = *rc::gen::inRange<std::uint32_t>(1, 50);
-  const auto triangles = *rc::gen::inRange<std::uint32_t>(0, 100);
-  const auto collapses = *rc::gen::inRange<std::uint32_t>(0, vertices);
-  const auto kind = *rc::gen::element(test::Collapses::anywhere, test::Collapses::along_edges,
-                                      test::Collapses::one_chain, test::Collapses::one_star);
-  return test::random_collapsing_mesh<Index>(random, vertices, triangles, collapses, kind);
+/// RapidCheck chooses, and can so make a failing case smaller.
+std::uint32_t choose(std::uint32_t least, std::uint32_t most) {
+  return *rc::gen::inRange<std::uint64_t>(least, std::uint64_t{most} + 1);
 }
 
 template <class Index>
 void equals_sequential_collapse() {
-  const auto mesh = any_mesh<Index>();
+  const auto mesh = test::any_collapsing_mesh<Index>(choose);
   const auto arranged = test::rearranged(mesh);
   pgl::host::ReformWorkspace<Index> workspace;
   for (std::uint32_t count = mesh.min_vertices; count <= mesh.vertices(); ++count) {
@@ -49,53 +43,16 @@ RC_GTEST_PROP(ReformProps, equalsSequentialCollapse32, ()) {
 // Meshes shared by several objects, counts 0 or anywhere in range, mirrored or not; both kinds of indices.
 template <class Index>
 void puts_every_object_in_its_place() {
-  std::vector<test::CollapsingMesh<Index>> sources(*rc::gen::inRange<std::size_t>(1, 4));
-  std::vector<pgl::Mesh> meshes;
-  std::vector<pgl::Triangle<Index>> triangles;
-  std::vector<Index> ecol;
-  for (auto& source : sources) {
-    source = any_mesh<Index>();
-    meshes.push_back({.first_vertex = ecol.size(),
-                      .first_triangle = triangles.size(),
-                      .min_vertices = source.min_vertices,
-                      .max_vertices = source.vertices()});
-    const auto arranged = test::rearranged(source);
-    triangles.insert(triangles.end(), arranged.triangles.begin(), arranged.triangles.end());
-    ecol.insert(ecol.end(), arranged.ecol.begin(), arranged.ecol.end());
-  }
-
-  std::vector<pgl::Object> objects(*rc::gen::inRange<std::size_t>(0, 12));
-  std::vector<std::uint32_t> counts;
-  std::vector<std::uint64_t> vertex_offsets{0}, triangle_offsets{0};
-  std::vector<pgl::Triangle<Index>> expected_local;
-  std::vector<pgl::Triangle<std::uint32_t>> expected;
-  for (auto& object : objects) {
-    object.mesh = *rc::gen::inRange<std::uint32_t>(0, static_cast<std::uint32_t>(meshes.size()));
-    const auto& source = sources[object.mesh];
-    const auto mirror = *rc::gen::arbitrary<bool>();
-    if (mirror) object.transform[1] = -object.transform[1];
-    const bool shown = *rc::gen::inRange(0, 4) != 0;
-    counts.push_back(shown ? *rc::gen::inRange(source.min_vertices, source.vertices() + 1) : 0);
-    if (shown) {
-      for (pgl::Triangle<Index> t : test::reformed_slowly(source, counts.back())) {
-        if (mirror) std::swap(t.v[1], t.v[2]);
-        expected_local.push_back(t);
-        const auto first = static_cast<std::uint32_t>(vertex_offsets.back());
-        expected.push_back({{first + t.v[0], first + t.v[1], first + t.v[2]}});
-      }
-    }
-    vertex_offsets.push_back(vertex_offsets.back() + counts.back());
-    triangle_offsets.push_back(expected.size());
-  }
-
+  const auto s = test::random_scene<Index>(choose);
   pgl::host::ReformWorkspace<Index> workspace;
-  std::vector<pgl::Triangle<Index>> local(expected.size());
-  std::vector<pgl::Triangle<std::uint32_t>> global(expected.size());
-  pgl::host::reform_local<Index>(meshes, objects, triangles, ecol, counts, triangle_offsets, workspace, local);
-  pgl::host::reform<Index>(meshes, objects, triangles, ecol, counts, vertex_offsets, triangle_offsets, workspace,
-                           global);
-  RC_ASSERT(local == expected_local);
-  RC_ASSERT(global == expected);
+  std::vector<pgl::Triangle<Index>> local(s.local.size());
+  std::vector<pgl::Triangle<std::uint32_t>> global(s.global.size());
+  pgl::host::reform_local<Index>(s.meshes, s.objects, s.triangles, s.ecol, s.counts, s.triangle_offsets, workspace,
+                                 local);
+  pgl::host::reform<Index>(s.meshes, s.objects, s.triangles, s.ecol, s.counts, s.vertex_offsets, s.triangle_offsets,
+                           workspace, global);
+  RC_ASSERT(local == s.local);
+  RC_ASSERT(global == s.global);
 }
 RC_GTEST_PROP(ReformProps, putsEveryObjectInItsPlace16, ()) {
   puts_every_object_in_its_place<std::uint16_t>();

@@ -69,4 +69,40 @@ void rearrange(std::span<const Vertex> vertices, std::span<const Triangle<Index>
   });
 }
 
+/// Puts many meshes into the order in which each is coarsened, as rearrange does for one.
+///
+/// meshes: the part of each in the other arrays, in any order; parts do not overlap, and may leave gaps: what is in no
+/// part is neither read nor written. Indices and places are local to each mesh; first_map does not matter. The other
+/// arguments are those of rearrange, with the elements of all meshes.
+///
+/// O(size of meshes + their vertices + their triangles), parallel over and within meshes, no scratch; the result does
+/// not depend on the number of threads. [Peng13] Alg 1.
+template <class Vertex, class Index>
+void rearrange(std::span<const MeshRange> meshes, std::span<const Vertex> vertices,
+               std::span<const Triangle<Index>> triangles, std::span<const Index> ecol,
+               std::span<const Index> permute_v, std::span<const std::uint32_t> permute_t,
+               std::span<Vertex> out_vertices, std::span<Triangle<Index>> out_triangles, std::span<Index> out_ecol) {
+  PGL_ASSERT(ecol.size() == vertices.size() && permute_v.size() == vertices.size());
+  PGL_ASSERT(out_vertices.size() == vertices.size() && out_ecol.size() == vertices.size());
+  PGL_ASSERT(permute_t.size() == triangles.size() && out_triangles.size() == triangles.size());
+  constexpr std::size_t grain = 16;              // meshes
+  constexpr std::uint32_t most_alone = 1 << 15;  // vertices, and triangles, of a mesh that one thread moves
+
+  const auto is_large = [](const MeshRange& m) { return m.vertices > most_alone || m.triangles > most_alone; };
+  const auto move = [&](const MeshRange& m) {
+    PGL_ASSERT(m.first_vertex + m.vertices <= vertices.size() && m.first_triangle + m.triangles <= triangles.size());
+    rearrange<Vertex, Index>(
+        vertices.subspan(m.first_vertex, m.vertices), triangles.subspan(m.first_triangle, m.triangles),
+        ecol.subspan(m.first_vertex, m.vertices), permute_v.subspan(m.first_vertex, m.vertices),
+        permute_t.subspan(m.first_triangle, m.triangles), out_vertices.subspan(m.first_vertex, m.vertices),
+        out_triangles.subspan(m.first_triangle, m.triangles), out_ecol.subspan(m.first_vertex, m.vertices));
+  };
+  parallel_for(meshes.size(), grain, [&](std::size_t i) {
+    if (!is_large(meshes[i])) move(meshes[i]);  // alone: inside parallel_for another one has one thread
+  });
+  for (const MeshRange& mesh : meshes) {
+    if (is_large(mesh)) move(mesh);
+  }
+}
+
 }  // namespace pgl::host
