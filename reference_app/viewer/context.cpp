@@ -4,6 +4,7 @@
 
 #include <epoxy/egl.h>
 
+#include <algorithm>
 #include <array>
 #include <cstring>
 
@@ -13,6 +14,16 @@ namespace {
 
 bool has_extension(const char* list, const char* name) {
   return list != nullptr && std::strstr(list, name) != nullptr;
+}
+
+/// The number by which CUDA knows a graphics device, or -1.
+int cuda_number(EGLDeviceEXT device) {
+  EGLAttrib number = -1;
+  if (!has_extension(eglQueryDeviceStringEXT(device, EGL_EXTENSIONS), "EGL_NV_device_cuda") ||
+      eglQueryDeviceAttribEXT(device, EGL_CUDA_DEVICE_NV, &number) != EGL_TRUE) {
+    return -1;
+  }
+  return static_cast<int>(number);
 }
 
 }  // namespace
@@ -42,7 +53,7 @@ bool OffscreenContext::open(void* display) {
   return false;
 }
 
-OffscreenContext::OffscreenContext() {
+OffscreenContext::OffscreenContext(int cuda_device) {
   if (!epoxy_has_egl()) throw NoContext("cannot draw offscreen: libEGL is not installed");
   const char* client = eglQueryString(EGL_NO_DISPLAY, EGL_EXTENSIONS);
   if (!has_extension(client, "EGL_EXT_platform_base")) throw NoContext("cannot draw offscreen: libEGL is too old");
@@ -50,6 +61,10 @@ OffscreenContext::OffscreenContext() {
     std::array<EGLDeviceEXT, 16> devices{};
     EGLint count = 0;
     if (eglQueryDevicesEXT(static_cast<EGLint>(devices.size()), devices.data(), &count) != EGL_TRUE) count = 0;
+    if (cuda_device >= 0) {  // to the front, the others as they are
+      std::stable_partition(devices.begin(), devices.begin() + count,
+                            [&](EGLDeviceEXT device) { return cuda_number(device) == cuda_device; });
+    }
     for (EGLint i = 0; i < count; ++i) {
       if (has_extension(eglQueryDeviceStringEXT(devices[i], EGL_EXTENSIONS), "EGL_MESA_device_software")) continue;
       if (open(eglGetPlatformDisplayEXT(EGL_PLATFORM_DEVICE_EXT, devices[i], nullptr))) return;

@@ -11,11 +11,13 @@ struct NoContext : std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
-/// A context for offscreen drawing through EGL: on the first graphics device that gives one, else on Mesa's surfaceless
-/// platform, which draws on the CPU. It has no default framebuffer. Current on the thread that made it.
+/// A context for offscreen drawing through EGL: on the graphics device that is CUDA's device of that number, else on
+/// the first that gives one, else on Mesa's surfaceless platform, which draws on the CPU. It has no default
+/// framebuffer. Current on the thread that made it.
 class OffscreenContext {
  public:
-  OffscreenContext();  ///< throws NoContext
+  /// cuda_device: -1 for any. Throws NoContext.
+  explicit OffscreenContext(int cuda_device = -1);
   ~OffscreenContext();
   OffscreenContext(const OffscreenContext&) = delete;
   OffscreenContext& operator=(const OffscreenContext&) = delete;

@@ -9,11 +9,14 @@
 #include <limits>
 #include <span>
 #include <stdexcept>
+#include <string>
+#include <vector>
 
 #include "pgl/distribute_budget.hpp"
 #include "pgl/gather.hpp"
 #include "pgl/types.hpp"
 #include "scene/build_model.hpp"
+#include "viewer/buffers.hpp"
 
 namespace pgl::viewer {
 
@@ -31,94 +34,162 @@ class Stopwatch {
   std::chrono::steady_clock::time_point last_ = std::chrono::steady_clock::now();
 };
 
-/// What each step of a frame took, in milliseconds.
+/// What each step of a frame took, in milliseconds. Upload: handing the buffers over, to OpenGL and back.
 struct FrameTimes {
-  double cull = 0.0, project = 0.0, budget = 0.0, reform = 0.0, gather = 0.0;
+  double cull = 0.0, project = 0.0, budget = 0.0, reform = 0.0, gather = 0.0, upload = 0.0;
 };
 
-/// One model under a moving camera. The buffers are kept from frame to frame and only grow.
+/// What prepares the frames.
+struct BackendInfo {
+  std::string name;      ///< host, cuda
+  std::string gpu;       ///< the name of the device, empty on the host
+  bool interop = false;  ///< frames are written straight into OpenGL's buffers
+  std::string note;      ///< what the person at the screen should know, or empty
+};
+
+/// A frame as the viewer's loop sees it, whatever the backend and the width of the indices.
+class AnyFrame {
+ public:
+  AnyFrame() = default;
+  virtual ~AnyFrame() = default;
+  AnyFrame(const AnyFrame&) = delete;
+  AnyFrame& operator=(const AnyFrame&) = delete;
+
+  /// Selects and builds what to draw of the model from `view` within options.budget vertices, into the DrawBuffers; the
+  /// depths and areas of `options` are taken from the view. Throws std::runtime_error where 32-bit indices do not
+  /// suffice, memory runs out or a device fails.
+  virtual FrameTimes run(const View& view, BudgetOptions options) = 0;
+
+  /// Of the last frame.
+  virtual std::uint64_t objects_drawn() const = 0;
+  virtual std::uint64_t objects_in_view() = 0;
+
+  virtual BackendInfo info() const = 0;
+};
+
+/// One model under a moving camera. Memory is kept from frame to frame and only grows.
+///
+/// Backend is a class that has
+/// - Input<T>: an array of the model as the steps read it, made from a const std::vector<T>& that outlives it;
+/// - Array<T>: working memory, made empty or from a std::vector<T>, with resize();
+/// - the steps, under the names and with the arguments of pgl::host; distribute_budget has at its end where the totals
+///   go, in such an array;
+/// - BudgetWorkspace, ReformWorkspace<Index>: their scratch; reserve(ReformWorkspace, objects, vertices of the largest
+///   mesh);
+/// - finish(): waits until the results are there;
+/// - fetch(pointers to elements...): their values, as a tuple; download(span): its elements, as a vector;
+/// - begin_drawing(vertices, triangles): where reform and gather write, as spans; end_drawing(): shows it to OpenGL;
+/// - info().
 template <class Backend, class Index>
-class Frame {
+class Frame final : public AnyFrame {
  public:
   template <class T>
   using Array = typename Backend::template Array<T>;
+  template <class T>
+  using Input = typename Backend::template Input<T>;
 
-  /// `model` must outlive the frame. A drawn object keeps at least min_triangles triangles, or all that it has.
-  Frame(const scene::Model<Index>& model, std::uint32_t min_triangles) : model_(model) {
+  /// `model` and what the backend is made of must outlive the frame. A drawn object keeps at least min_triangles
+  /// triangles, or all that it has.
+  Frame(const scene::Model<Index>& model, std::uint32_t min_triangles, auto&&... backend)
+      : backend_(backend...),
+        meshes_(model.meshes),
+        objects_(model.objects),
+        vertices_(model.vertices),
+        triangles_(model.triangles),
+        ecol_(model.ecol),
+        map_(model.map),
+        boxes_(model.object_boxes),
+        mesh_of_object_(mesh_numbers(model.objects)) {
     const std::size_t n = model.objects.size();
-    for (auto* counts : {&mesh_of_object_, &min_vertices_, &max_vertices_, &counts_, &triangle_counts_}) {
-      counts->resize(n);
-    }
+    for (auto* counts : {&min_vertices_, &max_vertices_, &counts_, &triangle_counts_}) counts->resize(n);
     in_view_.resize(n);
     areas_.resize(n);
     depths_.resize(n);
     vertex_offsets_.resize(n + 1);
     triangle_offsets_.resize(n + 1);
-    for (std::size_t i = 0; i < n; ++i) mesh_of_object_[i] = model.objects[i].mesh;
-    Backend::vertex_limits(std::span(mesh_of_object_), std::span(model.meshes), std::span(model.map), min_triangles,
-                           std::span(min_vertices_), std::span(max_vertices_));
+    totals_.resize(1);
+    backend_.vertex_limits(std::span<const std::uint32_t>(mesh_of_object_), std::span(meshes_), std::span(map_),
+                           min_triangles, std::span(min_vertices_), std::span(max_vertices_));
+    std::uint32_t most_vertices = 0;
+    for (const Mesh& mesh : model.meshes) most_vertices = std::max(most_vertices, mesh.max_vertices);
+    backend_.reserve(reform_workspace_, n, most_vertices);
+    backend_.finish();
   }
 
-  /// Selects and builds what to draw of the model from `view` within options.budget vertices; the depths and areas of
-  /// `options` are taken from the view. Throws std::runtime_error where 32-bit indices do not suffice.
-  FrameTimes run(const View& view, BudgetOptions options) {
+  FrameTimes run(const View& view, BudgetOptions options) override {
     FrameTimes ms;
     Stopwatch watch;
-    const auto lap = [&watch] {
-      Backend::finish();
+    const auto lap = [&] {
+      backend_.finish();
       return watch.lap();
     };
 
-    Backend::cull_frustum(std::span(model_.object_boxes), view, std::span(in_view_));
+    backend_.cull_frustum(std::span(boxes_), view, std::span(in_view_));
     ms.cull = lap();
 
-    Backend::project(std::span(model_.object_boxes), std::span(in_view_), view, std::span(areas_), std::span(depths_));
+    backend_.project(std::span(boxes_), std::span(in_view_), view, std::span(areas_), std::span(depths_));
     ms.project = lap();
 
     options.near_depth = view.near_depth;
     options.viewport_area = view.width * view.height;
-    const auto drawn =
-        Backend::distribute_budget(std::span(areas_), std::span(depths_), std::span(min_vertices_),
-                                   std::span(max_vertices_), options, budget_workspace_, std::span(counts_));
-    objects_ = drawn.objects;
-    Backend::lay_out(std::span(counts_), std::span(mesh_of_object_), std::span(model_.meshes), std::span(model_.map),
+    backend_.distribute_budget(std::span(areas_), std::span(depths_), std::span(min_vertices_),
+                               std::span(max_vertices_), options, budget_workspace_, std::span(counts_),
+                               totals_.data());
+    backend_.lay_out(std::span(counts_), std::span(mesh_of_object_), std::span(meshes_), std::span(map_),
                      std::span(triangle_counts_), std::span(vertex_offsets_), std::span(triangle_offsets_));
-    vertices_size_ = drawn.vertices;
-    triangles_size_ = triangle_offsets_.back();
-    if (vertices_size_ > std::numeric_limits<std::uint32_t>::max()) {
+    const auto [drawn, triangles] =
+        backend_.fetch(totals_.data(), triangle_offsets_.data() + triangle_offsets_.size() - 1);
+    drawn_ = drawn.objects;
+    if (drawn.vertices > std::numeric_limits<std::uint32_t>::max()) {
       throw std::runtime_error("--budget: the frame has more vertices than 32-bit indices can tell apart: lower it");
     }
-    if (vertices_.size() < vertices_size_) vertices_.resize(vertices_size_);
-    if (triangles_.size() < triangles_size_) triangles_.resize(triangles_size_);
     ms.budget = lap();
 
-    Backend::reform(std::span(model_.meshes), std::span(model_.objects), std::span(model_.triangles),
-                    std::span(model_.ecol), std::span(counts_), std::span(vertex_offsets_),
-                    std::span(triangle_offsets_), reform_workspace_, std::span(triangles_).first(triangles_size_));
+    const auto [vertex_buffer, index_buffer] = backend_.begin_drawing(drawn.vertices, triangles);
+    ms.upload = lap();
+
+    backend_.reform(std::span(meshes_), std::span(objects_), std::span(triangles_), std::span(ecol_),
+                    std::span(counts_), std::span(vertex_offsets_), std::span(triangle_offsets_), reform_workspace_,
+                    index_buffer);
     ms.reform = lap();
 
-    Backend::gather(std::span(model_.meshes), std::span(model_.objects), std::span(model_.vertices), std::span(counts_),
-                    std::span(vertex_offsets_), std::span(vertices_).first(vertices_size_));
+    backend_.gather(std::span(meshes_), std::span(objects_), std::span(vertices_), std::span(counts_),
+                    std::span(vertex_offsets_), vertex_buffer);
     ms.gather = lap();
+
+    backend_.end_drawing();
+    ms.upload += lap();
     return ms;
   }
 
-  std::span<const PlacedVertex> vertices() const { return std::span(vertices_).first(vertices_size_); }
-  std::span<const Triangle<std::uint32_t>> triangles() const { return std::span(triangles_).first(triangles_size_); }
-  std::uint64_t objects_drawn() const { return objects_; }
-  std::uint64_t objects_in_view() const {
-    return static_cast<std::uint64_t>(std::ranges::count(in_view_, std::uint8_t{1}));
+  std::uint64_t objects_drawn() const override { return drawn_; }
+  std::uint64_t objects_in_view() override {
+    const std::vector<std::uint8_t> in_view = backend_.download(std::span(in_view_));
+    return static_cast<std::uint64_t>(std::ranges::count(in_view, std::uint8_t{1}));
   }
+  BackendInfo info() const override { return backend_.info(); }
 
  private:
-  const scene::Model<Index>& model_;
+  static std::vector<std::uint32_t> mesh_numbers(const std::vector<Object>& objects) {
+    std::vector<std::uint32_t> numbers(objects.size());
+    std::ranges::transform(objects, numbers.begin(), &Object::mesh);
+    return numbers;
+  }
+
+  Backend backend_;
+  const Input<Mesh> meshes_;
+  const Input<Object> objects_;
+  const Input<glm::vec3> vertices_;
+  const Input<Triangle<Index>> triangles_;
+  const Input<Index> ecol_;
+  const Input<std::uint32_t> map_;
+  const Input<Box> boxes_;
   Array<std::uint32_t> mesh_of_object_, min_vertices_, max_vertices_, counts_, triangle_counts_;
   Array<std::uint8_t> in_view_;
   Array<float> areas_, depths_;
   Array<std::uint64_t> vertex_offsets_, triangle_offsets_;
-  Array<PlacedVertex> vertices_;
-  Array<Triangle<std::uint32_t>> triangles_;
-  std::uint64_t objects_ = 0, vertices_size_ = 0, triangles_size_ = 0;
+  Array<BudgetTotals> totals_;
+  std::uint64_t drawn_ = 0;
   typename Backend::BudgetWorkspace budget_workspace_;
   typename Backend::template ReformWorkspace<Index> reform_workspace_;
 };

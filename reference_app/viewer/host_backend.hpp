@@ -2,7 +2,10 @@
 // The CPU as a backend of the frame.
 #pragma once
 
-#include <utility>
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <tuple>
 #include <vector>
 
 #include "pgl/host/cull_frustum.hpp"
@@ -10,26 +13,65 @@
 #include "pgl/host/gather.hpp"
 #include "pgl/host/project.hpp"
 #include "pgl/host/reform.hpp"
+#include "viewer/buffers.hpp"
+#include "viewer/frame.hpp"
 
 namespace pgl::viewer {
 
-/// What Frame needs of a backend: arrays that only grow, workspaces, the steps under the names of pgl::host, and
-/// finish(), after which the results are there.
-struct HostBackend {
+/// What Frame needs of a backend, on the CPU: the model is read where it is, frames are uploaded.
+class HostBackend {
+ public:
+  template <class T>
+  using Input = std::span<const T>;
   template <class T>
   using Array = std::vector<T>;
   using BudgetWorkspace = host::BudgetWorkspace;
   template <class Index>
   using ReformWorkspace = host::ReformWorkspace<Index>;
 
-  static void vertex_limits(auto&&... arguments) { host::vertex_limits(arguments...); }
-  static void cull_frustum(auto&&... arguments) { host::cull_frustum(arguments...); }
-  static void project(auto&&... arguments) { host::project(arguments...); }
-  static auto distribute_budget(auto&&... arguments) { return host::distribute_budget(arguments...); }
-  static void lay_out(auto&&... arguments) { host::lay_out(arguments...); }
-  static void reform(auto&&... arguments) { host::reform(arguments...); }
-  static void gather(auto&&... arguments) { host::gather(arguments...); }
-  static void finish() {}
+  explicit HostBackend(DrawBuffers& buffers) : buffers_(buffers) {}
+
+  template <class Index>
+  void reserve(ReformWorkspace<Index>&, std::size_t, std::uint32_t) {}
+
+  void vertex_limits(auto&&... arguments) { host::vertex_limits(arguments...); }
+  void cull_frustum(auto&&... arguments) { host::cull_frustum(arguments...); }
+  void project(auto&&... arguments) { host::project(arguments...); }
+  void distribute_budget(auto&& areas, auto&& depths, auto&& min_vertices, auto&& max_vertices, auto&& options,
+                         auto&& workspace, auto&& counts, BudgetTotals* totals) {
+    *totals = host::distribute_budget(areas, depths, min_vertices, max_vertices, options, workspace, counts);
+  }
+  void lay_out(auto&&... arguments) { host::lay_out(arguments...); }
+  void reform(auto&&... arguments) { host::reform(arguments...); }
+  void gather(auto&&... arguments) { host::gather(arguments...); }
+  void finish() {}
+
+  template <class... T>
+  std::tuple<T...> fetch(const T*... values) {
+    return {*values...};
+  }
+  template <class T>
+  std::vector<T> download(std::span<T> values) {
+    return {values.begin(), values.end()};
+  }
+
+  auto begin_drawing(std::size_t vertices, std::size_t triangles) {
+    if (vertices_.size() < vertices) vertices_.resize(vertices);
+    if (triangles_.size() < triangles) triangles_.resize(triangles);
+    drawn_vertices_ = std::span(vertices_).first(vertices);
+    drawn_triangles_ = std::span(triangles_).first(triangles);
+    return std::tuple(drawn_vertices_, drawn_triangles_);
+  }
+  void end_drawing() { buffers_.upload(drawn_vertices_, drawn_triangles_); }
+
+  BackendInfo info() const { return {.name = "host", .gpu = {}, .interop = false, .note = {}}; }
+
+ private:
+  DrawBuffers& buffers_;
+  std::vector<PlacedVertex> vertices_;
+  std::vector<Triangle<std::uint32_t>> triangles_;
+  std::span<PlacedVertex> drawn_vertices_;
+  std::span<Triangle<std::uint32_t>> drawn_triangles_;
 };
 
 }  // namespace pgl::viewer

@@ -30,6 +30,7 @@
 #include "scene/weld.hpp"
 #include "viewer/camera.hpp"
 #include "viewer/context.hpp"
+#include "viewer/cuda_frame.hpp"
 #include "viewer/frame.hpp"
 #include "viewer/host_backend.hpp"
 #include "viewer/options.hpp"
@@ -144,6 +145,16 @@ std::string title_of(std::uint64_t budget, std::size_t triangles, double ms) {
 }
 
 template <class Index>
+std::unique_ptr<AnyFrame> make_frame(const Options& options, const scene::Model<Index>& model, Renderer& renderer) {
+  if constexpr (built_with_cuda) {
+    if (options.backend == BackendKind::cuda) {
+      return make_cuda_frame(model, options.min_triangles, renderer.buffers(), renderer.vendor());
+    }
+  }
+  return std::make_unique<Frame<HostBackend, Index>>(model, options.min_triangles, renderer.buffers());
+}
+
+template <class Index>
 void show(const Options& options, const scene::Model<Index>& model, Window* window, Report& report) {
   Renderer renderer;
   int width = options.width, height = options.height;
@@ -160,7 +171,9 @@ void show(const Options& options, const scene::Model<Index>& model, Window* wind
     window->show(state, extent, std::uint64_t{1} << 32);
   }
 
-  Frame<HostBackend, Index> frame(model, options.min_triangles);
+  const std::unique_ptr<AnyFrame> frame = make_frame(options, model, renderer);
+  const BackendInfo info = frame->info();
+  if (!info.note.empty()) std::fprintf(stderr, "pgl_viewer: %s\n", info.note.c_str());
   const int last_frame = options.frames > 0 ? options.frames : window == nullptr ? 1 : 0;
   Times times;
   View view;
@@ -177,14 +190,13 @@ void show(const Options& options, const scene::Model<Index>& model, Window* wind
     view = view_of(state.camera, box, width, height);
     BudgetOptions distribution = options.distribution;
     distribution.budget = state.budget;
-    const FrameTimes ms = frame.run(view, distribution);
+    const FrameTimes ms = frame->run(view, distribution);
     Stopwatch watch;
-    renderer.upload(frame.vertices(), frame.triangles());
-    const double upload = watch.lap();
     renderer.draw(view, state.camera, extent, state.wireframe);
     const double draw = watch.lap();
     const double total = whole.lap();
-    times.add({ms.cull, ms.project, ms.budget, ms.reform, ms.gather, upload, draw, total});
+    times.add({ms.cull, ms.project, ms.budget, ms.reform, ms.gather, ms.upload, draw, total});
+    if (options.checksums) report.checksums.push_back(renderer.buffers().checksum());
 
     if (window != nullptr) {
       if (std::exchange(state.take_picture, false)) {
@@ -197,21 +209,24 @@ void show(const Options& options, const scene::Model<Index>& model, Window* wind
         }
       }
       window->present();
-      window->set_title(title_of(state.budget, frame.triangles().size(), total));
+      window->set_title(title_of(state.budget, renderer.buffers().triangles(), total));
     }
   }
 
   report.budget = state.budget;
-  report.drawn_objects = frame.objects_drawn();
-  report.drawn_vertices = frame.vertices().size();
-  report.drawn_triangles = frame.triangles().size();
-  report.culled_frustum = model.objects.size() - frame.objects_in_view();
+  report.drawn_objects = frame->objects_drawn();
+  report.drawn_vertices = renderer.buffers().vertices();
+  report.drawn_triangles = renderer.buffers().triangles();
+  report.culled_frustum = model.objects.size() - frame->objects_in_view();
   report.frames = static_cast<int>(times.steps[0].size());
   for (std::size_t i = 0; i < times.steps.size(); ++i) report.ms.emplace_back(Times::names[i], median(times.steps[i]));
   report.width = width;
   report.height = height;
   report.samples = renderer.samples();
   report.camera = state.camera;
+  report.backend = info.name;
+  report.gpu = info.gpu;
+  report.interop = info.interop;
   report.gl_vendor = renderer.vendor();
   report.gl_renderer = renderer.renderer();
   report.gl_version = renderer.version();
@@ -222,7 +237,7 @@ void show(const Options& options, const scene::Model<Index>& model, Window* wind
     files.push_back({"--output", options.output, encode_png(renderer.read(width, height))});
   }
   if (!options.stats.empty()) {
-    report.drawn_checksum = fnv1a(std::as_bytes(frame.triangles()), fnv1a(std::as_bytes(frame.vertices())));
+    report.drawn_checksum = renderer.buffers().checksum();
     files.push_back({"--stats", options.stats, to_json(report)});
   }
   write_files(files);
@@ -244,10 +259,14 @@ void run(const Options& options) {
   // Before the long work, so that it is not for nothing; after the import, which forks.
   std::unique_ptr<Window> window;
   std::unique_ptr<OffscreenContext> offscreen;
+  int gpu = -1;
+  if constexpr (built_with_cuda) {
+    if (options.backend == BackendKind::cuda) gpu = choose_gpu();
+  }
   if (!options.headless && Window::available()) {
     window = std::make_unique<Window>(options.width, options.height);
   } else {
-    offscreen = std::make_unique<OffscreenContext>();
+    offscreen = std::make_unique<OffscreenContext>(gpu);
   }
 
   watch.lap();

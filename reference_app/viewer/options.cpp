@@ -13,6 +13,7 @@
 #include <string_view>
 #include <utility>
 
+#include "viewer/cuda_frame.hpp"
 #include "viewer/output.hpp"
 #include "viewer/report.hpp"
 
@@ -134,7 +135,9 @@ std::optional<Options> parse_options(int argc, const char* const* argv) {
       "--policy", options.distribution.policy,
       {{"exact", BudgetPolicy::exact}, {"fair", BudgetPolicy::fair}, {"paper", BudgetPolicy::paper}},
       "How the budget is met: fair leaves objects out only where it must [exact]");
-  parser.add_choice<int>("--backend", options.backend, {{"host", 0}}, "What prepares the frames [host]");
+  parser.add_choice<BackendKind>("--backend", options.backend,
+                                 {{"host", BackendKind::host}, {"cuda", BackendKind::cuda}},
+                                 "What prepares the frames: the CPU or the GPU, to the same bits [host]");
   parser.add_number("--threads", options.threads, 1, 1024, "Threads of the host [all]");
 
   parser.add("--camera", "ex,ey,ez,tx,ty,tz[,fov]: eye, target, vertical field of view in degrees [whole model]",
@@ -179,6 +182,7 @@ std::optional<Options> parse_options(int argc, const char* const* argv) {
       app.add_option("--output", options.output, "Write the last frame as a PNG")->type_name("FILE.png");
   CLI::Option* stats =
       app.add_option("--stats", options.stats, "Write what was measured as JSON")->type_name("FILE.json");
+  app.add_flag("--checksums", options.checksums, "With --stats: the checksum of every frame, not only the last");
 
   try {
     app.parse(argc, argv);
@@ -198,6 +202,10 @@ std::optional<Options> parse_options(int argc, const char* const* argv) {
       if (option->count() > 0) refuse(option->get_name(), "is for the plant, and model files are given");
     }
   }
+  if (options.backend == BackendKind::cuda && !built_with_cuda) {
+    refuse("--backend", "this pgl_viewer was built without CUDA: no toolkit was found, or none wanted");
+  }
+  if (options.checksums && stats->count() == 0) refuse("--checksums", "goes into --stats, and none is asked for");
   if (refuse_non_finite) options.import.non_finite = scene::NonFinite::refuse_file;
   if (output->count() > 0) {
     if (!options.output.ends_with(".png")) refuse("--output", "'" + options.output + "' does not end in .png");

@@ -22,6 +22,9 @@ struct CameraOption {
   std::optional<double> fov_degrees;
 };
 
+/// What prepares the frames.
+enum class BackendKind { host, cuda };
+
 struct Options {
   std::vector<std::string> files;  ///< none: the procedural plant
   scene::PlantOptions plant{.objects = 2000};
@@ -31,7 +34,7 @@ struct Options {
   std::uint64_t budget = 1'000'000;  ///< vertices, 0..2^32
   std::uint32_t min_triangles = 0;   ///< a drawn object keeps at least so many
   BudgetOptions distribution;        ///< its budget, near_depth and viewport_area are set for each frame
-  int backend = 0;                   ///< 0: host
+  BackendKind backend = BackendKind::host;
 
   std::optional<CameraOption> camera;  ///< none: the whole model
   int width = 1280, height = 720;      ///< pixels, 1..16384
@@ -40,9 +43,10 @@ struct Options {
   bool headless = false;  ///< draw offscreen even where there is a display
   int frames = 0;         ///< then stop; 0: one offscreen, no end in a window
 
-  std::string output;  ///< PNG of the last frame
-  std::string stats;   ///< JSON
-  int threads = 0;     ///< 0: all
+  std::string output;      ///< PNG of the last frame
+  std::string stats;       ///< JSON
+  bool checksums = false;  ///< in the statistics, of every frame
+  int threads = 0;         ///< 0: all
 };
 
 /// Reads the command line. Prints help or version and returns nothing when they were asked for.

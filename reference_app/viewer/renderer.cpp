@@ -6,8 +6,6 @@
 
 #include <algorithm>
 #include <array>
-#include <cstddef>
-#include <limits>
 #include <stdexcept>
 
 #include <glm/gtc/type_ptr.hpp>
@@ -153,14 +151,6 @@ std::string text_of(GLenum name) {
   return text != nullptr ? reinterpret_cast<const char*>(text) : "";
 }
 
-void fill_buffer(GLenum target, std::size_t bytes, const void* data, const char* what) {
-  glBufferData(target, static_cast<GLsizeiptr>(bytes), data, GL_STREAM_DRAW);
-  if (glGetError() != GL_NO_ERROR) {
-    throw std::runtime_error(std::string("OpenGL: the driver refuses the ") + what + " buffer of " +
-                             std::to_string(bytes >> 20) + " MiB: lower --budget");
-  }
-}
-
 }  // namespace
 
 Renderer::Program Renderer::build(bool wireframe) {
@@ -193,17 +183,6 @@ Renderer::Program Renderer::build(bool wireframe) {
 
 Renderer::Renderer() : vendor_(text_of(GL_VENDOR)), renderer_(text_of(GL_RENDERER)), version_(text_of(GL_VERSION)) {
   shaded_ = build(false);
-  glGenVertexArrays(1, &vertex_array_);
-  glGenBuffers(1, &vertex_buffer_);
-  glGenBuffers(1, &index_buffer_);
-  glBindVertexArray(vertex_array_);
-  glBindBuffer(GL_ARRAY_BUFFER, vertex_buffer_);
-  glBindBuffer(GL_ELEMENT_ARRAY_BUFFER, index_buffer_);
-  glEnableVertexAttribArray(0);
-  glEnableVertexAttribArray(1);
-  constexpr GLsizei stride = sizeof(PlacedVertex);
-  glVertexAttribPointer(0, 3, GL_FLOAT, GL_FALSE, stride, nullptr);
-  glVertexAttribIPointer(1, 1, GL_UNSIGNED_INT, stride, reinterpret_cast<void*>(offsetof(PlacedVertex, object)));
   glEnable(GL_DEPTH_TEST);
   glGetIntegerv(GL_SAMPLES, &samples_);
   check("setting up");
@@ -211,9 +190,6 @@ Renderer::Renderer() : vendor_(text_of(GL_VENDOR)), renderer_(text_of(GL_RENDERE
 
 Renderer::~Renderer() {
   free_offscreen();
-  glDeleteBuffers(1, &vertex_buffer_);
-  glDeleteBuffers(1, &index_buffer_);
-  glDeleteVertexArrays(1, &vertex_array_);
   glDeleteProgram(shaded_.name);
   glDeleteProgram(wire_.name);
 }
@@ -260,16 +236,6 @@ void Renderer::draw_offscreen(int width, int height) {
   make(draw_framebuffer_, samples_, draw_color_, &draw_depth_);
 }
 
-void Renderer::upload(std::span<const PlacedVertex> vertices, std::span<const Triangle<std::uint32_t>> triangles) {
-  if (triangles.size() > std::numeric_limits<GLsizei>::max() / 3) {
-    throw std::runtime_error("OpenGL: one draw call cannot draw " + std::to_string(triangles.size()) +
-                             " triangles: lower --budget");
-  }
-  triangles_ = triangles.size();
-  fill_buffer(GL_ARRAY_BUFFER, vertices.size_bytes(), vertices.data(), "vertex");
-  fill_buffer(GL_ELEMENT_ARRAY_BUFFER, triangles.size_bytes(), triangles.data(), "index");
-}
-
 void Renderer::draw(const View& view, const Camera& camera, double extent, bool wireframe) {
   if (wireframe && wire_.name == 0) wire_ = build(true);
   const Program& program = wireframe ? wire_ : shaded_;
@@ -290,7 +256,7 @@ void Renderer::draw(const View& view, const Camera& camera, double extent, bool 
   glUniform3fv(program.haze, 1, glm::value_ptr(haze));
   glUniform1f(program.haze_start, view.near_depth * scale);
   glUniform1f(program.scale, scale);
-  glDrawElements(GL_TRIANGLES, static_cast<GLsizei>(triangles_ * 3), GL_UNSIGNED_INT, nullptr);
+  buffers_.draw();
   glFinish();
   check("drawing");
 }

@@ -2,12 +2,10 @@
 // Draws a frame with OpenGL 3.3: one vertex buffer, one index buffer, one draw call.
 #pragma once
 
-#include <cstdint>
-#include <span>
 #include <string>
 
-#include "pgl/gather.hpp"
 #include "pgl/types.hpp"
+#include "viewer/buffers.hpp"
 #include "viewer/camera.hpp"
 #include "viewer/output.hpp"
 
@@ -26,10 +24,10 @@ class Renderer {
   /// allow. Without it, draw() goes to the window.
   void draw_offscreen(int width, int height);
 
-  /// Replaces what draw() draws. The indices count in `vertices`.
-  void upload(std::span<const PlacedVertex> vertices, std::span<const Triangle<std::uint32_t>> triangles);
+  /// What draw() draws.
+  DrawBuffers& buffers() { return buffers_; }
 
-  /// Draws the uploaded triangles on a background and waits until the picture is there.
+  /// Draws the triangles of buffers() on a background and waits until the picture is there.
   /// `extent`: the size of the model, the unit of the haze.
   void draw(const View& view, const Camera& camera, double extent, bool wireframe);
 
@@ -49,12 +47,11 @@ class Renderer {
   static Program build(bool wireframe);
   void free_offscreen();
 
+  DrawBuffers buffers_;
   Program shaded_, wire_;
-  unsigned vertex_array_ = 0, vertex_buffer_ = 0, index_buffer_ = 0;
   unsigned draw_framebuffer_ = 0, read_framebuffer_ = 0;
   unsigned draw_color_ = 0, draw_depth_ = 0, read_color_ = 0;
   int samples_ = 0;
-  std::size_t triangles_ = 0;
   std::string vendor_, renderer_, version_;
 };
 

@@ -20,8 +20,13 @@ std::string to_json(const Report& report) {
   auto vector = [](const glm::dvec3& v) { return Json::array({v.x, v.y, v.z}); };
   Json ms = Json::object();
   for (const auto& [step, time] : report.ms) ms[step] = time;
-  char checksum[17];
-  std::snprintf(checksum, sizeof checksum, "%016llx", static_cast<unsigned long long>(report.drawn_checksum));
+  const auto hex = [](std::uint64_t number) {
+    char text[17];
+    std::snprintf(text, sizeof text, "%016llx", static_cast<unsigned long long>(number));
+    return std::string(text);
+  };
+  Json checksums = Json::array();
+  for (const std::uint64_t checksum : report.checksums) checksums.push_back(hex(checksum));
   const Json json = {{"pgl", pgl_version()},
                      {"objects", report.objects},
                      {"model",
@@ -34,7 +39,8 @@ std::string to_json(const Report& report) {
                       {{"objects", report.drawn_objects},
                        {"vertices", report.drawn_vertices},
                        {"triangles", report.drawn_triangles},
-                       {"checksum", checksum}}},
+                       {"checksum", hex(report.drawn_checksum)}}},
+                     {"checksums", checksums},
                      {"culled", {{"frustum", report.culled_frustum}}},
                      {"ms", ms},
                      {"frames", report.frames},
@@ -45,6 +51,7 @@ std::string to_json(const Report& report) {
                        {"target", vector(report.camera.target)},
                        {"up", vector(report.camera.up)},
                        {"fov", report.camera.fov_degrees}}},
+                     {"backend", {{"name", report.backend}, {"gpu", report.gpu}, {"interop", report.interop}}},
                      {"gl",
                       {{"vendor", report.gl_vendor},
                        {"renderer", report.gl_renderer},
@@ -73,6 +80,7 @@ std::string to_table(const Report& report) {
   line("vertices drawn", grouped(report.drawn_vertices));
   line("triangles drawn", grouped(report.drawn_triangles));
   line("objects drawn", grouped(report.drawn_objects));
+  line("backend", report.backend);
   for (const auto& [step, time] : report.ms) {
     char value[32];
     std::snprintf(value, sizeof value, "%.2f", time);

@@ -20,12 +20,15 @@ struct Report {
   std::uint64_t open_vertices = 0;  ///< on open edges, each mesh counted once
   std::uint64_t budget = 0;
   std::uint64_t drawn_objects = 0, drawn_vertices = 0, drawn_triangles = 0;
-  std::uint64_t drawn_checksum = 0;
+  std::uint64_t drawn_checksum = 0;      ///< of the last frame
+  std::vector<std::uint64_t> checksums;  ///< of every frame, or none
   std::uint64_t culled_frustum = 0;
   std::vector<std::pair<std::string, double>> ms;  ///< per step, in the order of the work
   int width = 0, height = 0, samples = 0, frames = 0;
   std::size_t threads = 0;
   Camera camera;
+  std::string backend, gpu;
+  bool interop = false;
   std::string gl_vendor, gl_renderer, gl_version;
 };
 

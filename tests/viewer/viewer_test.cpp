@@ -31,6 +31,8 @@
 #pragma GCC diagnostic pop
 #endif
 
+#include "support/test_data.hpp"
+
 namespace {
 
 namespace fs = std::filesystem;
@@ -83,7 +85,7 @@ class Viewer : public testing::Test {
 
   /// Without any display, whatever the machine has.
   Outcome run(std::vector<std::string> arguments) {
-    return run_as("env -u DISPLAY -u WAYLAND_DISPLAY", std::move(arguments));
+    return run_as("env -u DISPLAY -u WAYLAND_DISPLAY " + before_, std::move(arguments));
   }
 
   /// The same with the statistics, which must be there. Skips the test where nothing can draw.
@@ -130,6 +132,7 @@ class Viewer : public testing::Test {
   }
 
   fs::path folder_;
+  std::string before_;  ///< environment of every run
 };
 
 #define SKIP_WITHOUT_GL(json) \
@@ -215,6 +218,130 @@ TEST_F(Viewer, ChecksumDependsOnTheFrameAlone) {
   EXPECT_EQ(checksum({"--budget", "3000", "--threads", "7"}), first);
   EXPECT_NE(checksum({"--budget", "2999"}), first);
   EXPECT_NE(checksum({"--budget", "3000", "--seed", "2"}), first);
+}
+
+TEST_F(Viewer, ChecksumsAreOfEveryFrameInOrder) {
+  const std::vector<std::string> turning =
+      with(small_plant, {"--budget", "3000", "--orbit", "--camera", "10,0,3,0,0,3"});
+  const Json three = statistics(with(turning, {"--frames", "3", "--checksums"}));
+  SKIP_WITHOUT_GL(three);
+  ASSERT_EQ(three["checksums"].size(), 3u);
+  EXPECT_EQ(three["checksums"][2], three["drawn"]["checksum"]);
+  EXPECT_NE(three["checksums"][0], three["checksums"][1]);
+  const Json two = statistics(with(turning, {"--frames", "2"}));
+  EXPECT_EQ(two["checksums"], Json::array());
+  EXPECT_EQ(two["drawn"]["checksum"], three["checksums"][1]);
+}
+
+TEST_F(Viewer, HostIsTheBackendUnlessAskedOtherwise) {
+  const Json json = statistics(small_plant);
+  SKIP_WITHOUT_GL(json);
+  EXPECT_EQ(json["backend"], Json::parse(R"({"name": "host", "gpu": "", "interop": false})"));
+  EXPECT_EQ(statistics(with(small_plant, {"--backend", "host"}))["drawn"], json["drawn"]);
+}
+
+/// The frames of an orbit, prepared by both backends.
+class Backends : public Viewer {
+ protected:
+  /// Compares all that is not a time, and gives back the checksums of the frames.
+  Json expect_same(const std::vector<std::string>& arguments) {
+    SCOPED_TRACE(testing::PrintToString(arguments));
+    Json of[2];
+    for (int i = 0; i < 2; ++i) {
+      const Outcome outcome = run(with(arguments, {"--checksums", "--stats", "stats.json", "--backend", names[i]}));
+      EXPECT_EQ(outcome.code, 0) << outcome.err;
+      if (outcome.code != 0) return {};
+      of[i] = Json::parse(content_of(folder_ / "stats.json"), nullptr, false);
+      EXPECT_EQ(of[i]["backend"]["name"], names[i]);
+      // Only where OpenGL is not the GPU's does CUDA say a word: that it copies.
+      EXPECT_EQ(outcome.err.empty(), i == 0 || of[i]["backend"]["interop"] == true) << outcome.err;
+    }
+    EXPECT_GT(of[0]["drawn"]["triangles"], 0);
+    EXPECT_EQ(of[0]["checksums"].size(), of[0]["frames"].get<std::size_t>());
+    for (const char* key : {"checksums", "drawn", "culled", "objects", "model", "frames", "camera"}) {
+      EXPECT_EQ(of[0][key], of[1][key]) << key;
+    }
+    return of[0]["checksums"];
+  }
+
+  /// Why the GPU cannot be asked, or nothing.
+  std::string missing() {
+    const Outcome outcome = run({"--backend", "cuda", "--headless", "--objects", "1", "--size", "8x8"});
+    return outcome.code == 0 ? "" : outcome.err;
+  }
+
+  static constexpr const char* names[2] = {"host", "cuda"};
+};
+
+#define SKIP_WITHOUT_GPU() \
+  if (const std::string why = missing(); !why.empty()) GTEST_SKIP() << "the backends are NOT compared: " << why
+
+TEST_F(Backends, WithoutAGpuCudaIsRefusedInOneLine) {
+  // CUDA_VISIBLE_DEVICES hides a GPU that may be there.
+  const Outcome outcome = run_as("env -u DISPLAY -u WAYLAND_DISPLAY CUDA_VISIBLE_DEVICES=",
+                                 with(small_plant, {"--backend", "cuda", "--output", "a.png", "--stats", "a.json"}));
+#if defined(PGL_VIEWER_CUDA)
+  EXPECT_EQ(outcome.code, 3);
+  EXPECT_NE(outcome.err.find("no GPU"), std::string::npos) << outcome.err;
+#else
+  EXPECT_EQ(outcome.code, 2);
+  EXPECT_NE(outcome.err.find("built without CUDA"), std::string::npos) << outcome.err;
+#endif
+  EXPECT_TRUE(outcome.err.starts_with("pgl_viewer: --backend")) << outcome.err;
+  EXPECT_EQ(std::ranges::count(outcome.err, '\n'), 1) << outcome.err;
+  EXPECT_EQ(outcome.out, "");
+  EXPECT_EQ(files(), std::vector<std::string>());
+}
+
+TEST_F(Backends, DrawTheSameBytesFrameAfterFrame) {
+  SKIP_WITHOUT_GPU();
+  const std::vector<std::string> orbit = {"--headless", "--size", "160x90", "--orbit", "--frames", "12"};
+  for (const std::string policy : {"exact", "fair", "paper"}) {
+    const Json checksums = expect_same(with(orbit, {"--objects", "300", "--budget", "20000", "--policy", policy}));
+    EXPECT_EQ(std::set(checksums.begin(), checksums.end()).size(), 12u) << "the frames do not differ";
+  }
+  expect_same(with(orbit, {"--objects", "1", "--budget", "all"}));
+  expect_same(with(orbit, {"--objects", "2000", "--budget", "all", "--frames", "3"}));
+  expect_same(with(orbit, {"--objects", "300", "--budget", "5000", "--min-triangles", "20", "--alpha", "1.2"}));
+  // From inside, most of it is behind.
+  expect_same(with(orbit, {"--objects", "300", "--budget", "9000", "--camera", "0.5,0.2,1,3,0,1"}));
+}
+
+TEST_F(Backends, DrawTheSameBytesWhereOpenGlIsNotTheGpus) {
+  SKIP_WITHOUT_GPU();
+  const fs::path mesa = "/usr/share/glvnd/egl_vendor.d/50_mesa.json";
+  if (!fs::exists(mesa)) GTEST_SKIP() << "Mesa's OpenGL is not installed";
+  before_ = "__EGL_VENDOR_LIBRARY_FILENAMES=" + mesa.string();
+  expect_same({"--headless", "--size", "160x90", "--orbit", "--frames", "5", "--objects", "300", "--budget", "20000"});
+}
+
+TEST_F(Backends, DrawTheSameBytesOfSharedAndMirroredMeshesAndWideIndices) {
+  SKIP_WITHOUT_GPU();
+  const std::vector<std::string> orbit = {"--headless", "--size", "64x64", "--orbit", "--frames", "5"};
+  expect_same(with(orbit, {"--budget", "11", fs::absolute(support::fixture("nodes.gltf")).string()}));
+  // A strip of 70,000 vertices, more than 16-bit indices count.
+  std::ostringstream strip;
+  for (int i = 0; i < 35'000; ++i) {
+    strip << "v " << i << " 0 " << i % 7 << "\nv " << i << " 1 " << i % 5 << "\n";
+    if (i > 0) {
+      strip << "f " << 2 * i - 1 << ' ' << 2 * i << ' ' << 2 * i + 1 << "\nf " << 2 * i << ' ' << 2 * i + 2 << ' '
+            << 2 * i + 1 << "\n";
+    }
+  }
+  write(folder_ / "strip.obj", strip.str());
+  expect_same(with(orbit, {"--budget", "40000", "--boundary", "slide", "strip.obj"}));
+}
+
+TEST_F(Backends, DrawTheSameBytesOfRealModels) {
+  SKIP_WITHOUT_GPU();
+  int found = 0;
+  for (const char* name : {"single/stanford-bunny.obj", "ifc/mini_project.glb"}) {
+    const fs::path file = support::real_model(name);
+    if (file.empty()) continue;
+    ++found;
+    expect_same({"--headless", "--size", "320x200", "--orbit", "--frames", "5", "--budget", "9000", file.string()});
+  }
+  if (found == 0) GTEST_SKIP() << "real models absent";
 }
 
 TEST_F(Viewer, NeverDrawsMoreThanTheBudget) {
@@ -415,7 +542,7 @@ TEST_F(Viewer, ImpossibleOptionsAreRefusedInOneLine) {
                                                          {"--policy", "best"},
                                                          {"--metric", "volume"},
                                                          {"--boundary", "free"},
-                                                         {"--backend", "cuda"},
+                                                         {"--backend", "gpu"},
                                                          {"--camera", "1,2,3"},
                                                          {"--camera", "1,2,3,1,2,3"},
                                                          {"--camera", "0,0,0,0,0,x"},
@@ -442,6 +569,10 @@ TEST_F(Viewer, ImpossibleOptionsAreRefusedInOneLine) {
     expect_refused(run(with({"--headless", "--output", "a.png", "--stats", "a.json", "--objects", "5"}, options)),
                    options[0]);
   }
+}
+
+TEST_F(Viewer, ChecksumsNeedStatistics) {
+  expect_refused(run({"--headless", "--objects", "5", "--checksums"}), "--checksums");
 }
 
 TEST_F(Viewer, OptionsOfThePlantDoNotGoWithFiles) {

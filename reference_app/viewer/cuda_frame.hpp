@@ -1,0 +1,33 @@
+// SPDX-License-Identifier: MIT
+// Frames that the GPU prepares. Defined where the viewer is built with CUDA.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <string>
+
+#include "scene/build_model.hpp"
+#include "viewer/buffers.hpp"
+#include "viewer/frame.hpp"
+
+namespace pgl::viewer {
+
+#if defined(PGL_VIEWER_CUDA)
+inline constexpr bool built_with_cuda = true;
+#else
+inline constexpr bool built_with_cuda = false;
+#endif
+
+/// Chooses CUDA's first device for this thread and returns its number: CUDA_VISIBLE_DEVICES says which that is.
+/// Throws NoContext (context.hpp) where there is no GPU or no driver for it.
+int choose_gpu();
+
+/// A frame on the chosen GPU, or on the one that draws in the current OpenGL context. The model is copied to it.
+/// Where the OpenGL context is of that GPU's driver (`gl_vendor` says NVIDIA), frames are written straight into
+/// `buffers`; otherwise they are copied back and uploaded, and info().note says why. Throws std::runtime_error.
+std::unique_ptr<AnyFrame> make_cuda_frame(const scene::Model<std::uint16_t>& model, std::uint32_t min_triangles,
+                                          DrawBuffers& buffers, const std::string& gl_vendor);
+std::unique_ptr<AnyFrame> make_cuda_frame(const scene::Model<std::uint32_t>& model, std::uint32_t min_triangles,
+                                          DrawBuffers& buffers, const std::string& gl_vendor);
+
+}  // namespace pgl::viewer
