@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
-#include <limits>
 #include <utility>
 #include <vector>
 
@@ -16,18 +15,13 @@
 
 namespace {
 
+using numbers::any_affine;
+using numbers::any_number;
 using numbers::Kind;
 using pgl::Box;
 
 bool same_bytes(const Box& a, const Box& b) {
   return std::memcmp(&a, &b, sizeof(Box)) == 0;
-}
-
-/// Coordinates that are now and then not finite, or a zero of either sign.
-float any_number(Kind k) {
-  constexpr float special[] = {0.0f, -0.0f, std::numeric_limits<float>::infinity(),
-                               -std::numeric_limits<float>::infinity(), std::numeric_limits<float>::quiet_NaN()};
-  return numbers::whole(0, 9) == 0 ? special[numbers::whole(0, 4)] : numbers::number(k);
 }
 
 std::vector<glm::vec3> any_positions() {
@@ -107,14 +101,6 @@ float gathered(const glm::mat4x3& m, int row, const glm::vec3& p) {
   const double y = static_cast<double>(m[1][row]) * static_cast<double>(p.y);
   const double z = static_cast<double>(m[2][row]) * static_cast<double>(p.z);
   return static_cast<float>(((x + y) + z) + static_cast<double>(m[3][row]));
-}
-
-glm::mat4x3 any_affine() {
-  const Kind k = numbers::kind();
-  glm::mat4x3 m;
-  for (int column = 0; column < 4; ++column)
-    for (int row = 0; row < 3; ++row) m[column][row] = numbers::number(k);
-  return m;
 }
 
 RC_GTEST_PROP(BoundsProps, transformHoldsEveryPointExactlyAndAsGathered, ()) {

@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <cmath>
 #include <glm/gtc/matrix_transform.hpp>
+#include <limits>
 
 #include "pgl/types.hpp"
 
@@ -33,6 +34,13 @@ inline float number(Kind k) {
   const float bits = static_cast<float>(whole(-0xffffff, 0xffffff));
   if (k == Kind::plain) return bits * 0x1p-24f;
   return whole(0, 9) == 0 ? 0.0f : std::ldexp(bits, whole(-123, 75));
+}
+
+/// Coordinates that are now and then not finite, or a zero of either sign.
+inline float any_number(Kind k) {
+  constexpr float special[] = {0.0f, -0.0f, std::numeric_limits<float>::infinity(),
+                               -std::numeric_limits<float>::infinity(), std::numeric_limits<float>::quiet_NaN()};
+  return whole(0, 9) == 0 ? special[whole(0, 4)] : number(k);
 }
 
 inline glm::vec3 point(Kind k) {
@@ -63,6 +71,15 @@ inline glm::vec3 point_in(const pgl::Box& box) {
     p[axis] = std::clamp(static_cast<float>(c), box.min[axis], box.max[axis]);
   }
   return p;
+}
+
+/// Any affine transform with finite entries: singular, mirrored and far from rigid ones too.
+inline glm::mat4x3 any_affine() {
+  const Kind k = kind();
+  glm::mat4x3 m;
+  for (int column = 0; column < 4; ++column)
+    for (int row = 0; row < 3; ++row) m[column][row] = number(k);
+  return m;
 }
 
 /// A camera at a random place, far or near, at any scale of the world; or, one time in two, any matrix at all.

@@ -36,7 +36,7 @@ void parallel_for(std::size_t n, std::size_t grain, Body&& body) {
 #if defined(_OPENMP)
   if (n > grain && omp_get_max_threads() > 1) {
     const auto count = static_cast<std::int64_t>(n);
-    const auto chunk = static_cast<std::int64_t>(grain == 0 ? 1 : grain);
+    [[maybe_unused]] const auto chunk = static_cast<std::int64_t>(grain == 0 ? 1 : grain);
 #pragma omp parallel for schedule(dynamic, chunk)
     for (std::int64_t i = 0; i < count; ++i) body(static_cast<std::size_t>(i));
     return;
