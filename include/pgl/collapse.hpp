@@ -235,22 +235,32 @@ PGL_HD std::uint32_t slide_ends(const CollapsingMesh<Real, Id>& m, std::uint32_t
   return may_slide ? open_edges(m, u) : 0;
 }
 
-/// The cheapest collapse of u, valid or not, but for those that the boundary rule never allows; with `after`, the
-/// cheapest one behind that one in the order. u may move, and `open` is its slide_ends.
+/// Of the collapses of u into the two vertices beside it in the triangle at its corner `of_u`, the cheaper one, valid
+/// or not, but for those that the boundary rule never allows; with `after`, only those behind that one in the order.
+/// u may move, and `open` is its slide_ends.
 template <class Real, class Id>
-PGL_HD CandidateOf<Real, Id> cheapest_collapse(const CollapsingMesh<Real, Id>& m, std::uint32_t u, std::uint32_t open,
-                                               const CandidateOf<Real, Id>* after) {
+PGL_HD CandidateOf<Real, Id> cheapest_at(const CollapsingMesh<Real, Id>& m, std::uint32_t u, std::uint32_t open,
+                                         const CandidateOf<Real, Id>* after, std::uint32_t of_u) {
   CandidateOf<Real, Id> best = no_candidate(m);
   const auto consider = [&](std::uint32_t x) {
     if (open != 0 && (open != 2 || edge_uses(m, u, x) != 1)) return;
     const CandidateOf<Real, Id> candidate{cost_key(collapse_cost(m, u, x, open != 0)), static_cast<Id>(x)};
     if (candidate < best && (after == nullptr || *after < candidate)) best = candidate;
   };
-  const bool one_way = (m.flags[u] & m.balanced) != 0;
+  const Wedge w = wedge_at(m, of_u);
+  consider(w.next);
+  if ((m.flags[u] & m.balanced) == 0) consider(w.previous);
+  return best;
+}
+
+/// The cheapest collapse of u, as cheapest_at says it, of all of its triangles.
+template <class Real, class Id>
+PGL_HD CandidateOf<Real, Id> cheapest_collapse(const CollapsingMesh<Real, Id>& m, std::uint32_t u, std::uint32_t open,
+                                               const CandidateOf<Real, Id>* after) {
+  CandidateOf<Real, Id> best = no_candidate(m);
   for (Id c = m.first[u]; c != m.none; c = m.next[c]) {
-    const Wedge w = wedge_at(m, c);
-    consider(w.next);
-    if (!one_way) consider(w.previous);
+    const CandidateOf<Real, Id> at = cheapest_at(m, u, open, after, c);
+    if (at < best) best = at;
   }
   return best;
 }
@@ -361,6 +371,9 @@ PGL_HD constexpr std::uint64_t round_rank(std::uint64_t cost, std::uint32_t from
 
 /// Calls body(x) for the vertices of the region of u -> v, some of them more than once, until it returns false. Tells
 /// whether it never did.
+#if defined(__CUDACC__)
+#pragma nv_exec_check_disable  // the body may be for one side only
+#endif
 template <class Real, class Id, class Body>
 PGL_HD bool for_region(const CollapsingMesh<Real, Id>& m, std::uint32_t u, std::uint32_t v, Body&& body) {
   for (int end = 0; end < 2; ++end) {
@@ -375,15 +388,12 @@ PGL_HD bool for_region(const CollapsingMesh<Real, Id>& m, std::uint32_t u, std::
   return true;
 }
 
-/// Performs u -> v, on one thread. gone(t) is called for the triangles that vanish, touched(x) for the vertices around
-/// u and v and for v, before anything changes and some of them more than once. Returns what join_vertices does.
-template <class Real, class Id, class Gone, class Touched>
-PGL_HD Real perform_collapse(const CollapsingMesh<Real, Id>& m, std::uint32_t u, std::uint32_t v, Gone&& gone,
-                             Touched&& touched) {
-  for_region(m, u, v, [&](std::uint32_t x) {
-    if (x != u) touched(x);
-    return true;
-  });
+/// Performs u -> v, on one thread. gone(t) is called for the triangles that vanish. Returns what join_vertices does.
+#if defined(__CUDACC__)
+#pragma nv_exec_check_disable  // the body may be for one side only
+#endif
+template <class Real, class Id, class Gone>
+PGL_HD Real perform_collapse(const CollapsingMesh<Real, Id>& m, std::uint32_t u, std::uint32_t v, Gone&& gone) {
   for (Id c = m.first[u], after; c != m.none; c = after) {
     after = m.next[c];
     const Wedge w = wedge_at(m, c);

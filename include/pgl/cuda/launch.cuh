@@ -11,9 +11,9 @@
 #include "pgl/config.hpp"
 
 /// Returns the error of a CUDA call from the function around it, if there is one.
-#define PGL_CUDA_TRY(call)                                                                \
-  do {                                                                                    \
-    if (const cudaError_t pgl_error = (call); pgl_error != cudaSuccess) return pgl_error; \
+#define PGL_CUDA_TRY(...)                                                                        \
+  do {                                                                                           \
+    if (const cudaError_t pgl_error = (__VA_ARGS__); pgl_error != cudaSuccess) return pgl_error; \
   } while (false)
 
 namespace pgl::cuda {

@@ -528,12 +528,14 @@ class Collapser {
       else if (n.uses_v == 0 && (!s.boundary || (n.uses_u == 1 && s.target != none)))
         offer(x, v);
     }
-    for (const Wedge& wedge : wedges(v))
-      for (const std::uint32_t x : {wedge.next, wedge.previous}) {
+    for (const Wedge& wedge : wedges(v)) {
+      const std::uint32_t ends[] = {wedge.next, wedge.previous};  // nvcc cannot loop over a braced list here
+      for (const std::uint32_t x : ends) {
         if (is_current(x) || !w_.state_[x].rejected || !w_.state_[x].movable) continue;
         w_.near_[x].stamp = stamp_;
         w_.touched_.push_back(x);
       }
+    }
     if (w_.state_[v].movable) w_.touched_.push_back(v);
     for (const std::uint32_t x : w_.touched_) {
       find(x, false, 0, 0);
@@ -752,9 +754,12 @@ class Rounds {
     }
     parallel_for(winners, 64, [&](std::size_t i) {
       const std::uint32_t u = w_.winners[i];
-      const Real distance = perform_collapse(
-          m_, u, w_.least[u].target, [&](std::uint32_t t) { removed_by_[t] = u; },
-          [&](std::uint32_t x) { w_.stale[x] = 1; });
+      const std::uint32_t v = w_.least[u].target;
+      for_region(m_, u, v, [&](std::uint32_t x) {
+        w_.stale[x] = 1;
+        return true;
+      });
+      const Real distance = perform_collapse(m_, u, v, [&](std::uint32_t t) { removed_by_[t] = u; });
       w_.distances[u] = in_model_units(distance, normalisation_);
     });
 
