@@ -78,9 +78,7 @@ class MappedBuffers {
 
   /// Makes room and registers the buffers, unless they have it and are. On an error, neither is registered.
   cudaError_t prepare(std::size_t vertices, std::size_t triangles) {
-    if (resources_[1] != nullptr && buffers_.has_room(vertices, triangles)) {
-      return cudaSuccess;
-    }
+    if (resources_[1] != nullptr && buffers_.has_room(vertices, triangles)) return cudaSuccess;
     PGL_CUDA_TRY(forget());
     buffers_.make_room(vertices, triangles);
     constexpr unsigned flags = cudaGraphicsRegisterFlagsWriteDiscard;
@@ -114,7 +112,7 @@ class MappedBuffers {
     return cudaGraphicsUnmapResources(2, resources_.data(), stream);
   }
 
- private:
+  /// Leaves the buffers to OpenGL alone. Precondition: not mapped.
   cudaError_t forget() {
     cudaError_t first = cudaSuccess;
     for (cudaGraphicsResource_t& resource : resources_) {
@@ -126,6 +124,7 @@ class MappedBuffers {
     return first;
   }
 
+ private:
   DrawBuffers& buffers_;
   std::array<cudaGraphicsResource_t, 2> resources_{};
   bool mapped_ = false;
@@ -177,7 +176,7 @@ class CudaBackend {
     must(cudaGetDeviceProperties(&properties, device), "asking for the device");
     info_.name = "cuda";
     info_.gpu = properties.name;
-    const cudaError_t error = shares ? mapped_.prepare(0, 0) : cudaErrorNotSupported;
+    const cudaError_t error = shares ? try_to_share() : cudaErrorNotSupported;
     info_.interop = error == cudaSuccess;
     if (!info_.interop) {
       (void)cudaGetLastError();
@@ -270,6 +269,18 @@ class CudaBackend {
 
  private:
   cuda::Launch launch() const { return queue_.stream(); }
+
+  /// Does once what every frame does with OpenGL's buffers. On an error they are OpenGL's alone again.
+  cudaError_t try_to_share() {
+    PlacedVertex* vertices = nullptr;
+    Triangle<std::uint32_t>* triangles = nullptr;
+    PGL_CUDA_TRY(mapped_.prepare(0, 0));
+    cudaError_t error = mapped_.map(queue_.stream(), vertices, triangles);
+    if (const cudaError_t unmapped = mapped_.unmap(queue_.stream()); error == cudaSuccess) error = unmapped;
+    if (error == cudaSuccess) error = cudaStreamSynchronize(queue_.stream());
+    if (error != cudaSuccess) (void)mapped_.forget();
+    return error;
+  }
 
   template <class T>
   void copy_back(std::span<const T> from, std::vector<T>& to) {

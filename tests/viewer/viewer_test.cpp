@@ -14,6 +14,7 @@
 #include <iomanip>
 #include <iterator>
 #include <nlohmann/json.hpp>
+#include <regex>
 #include <set>
 #include <sstream>
 #include <string>
@@ -47,6 +48,11 @@ void write(const fs::path& path, const std::string& content) {
   std::ofstream(path, std::ios::binary) << content;
 }
 
+/// Without the lines that only tell how far the work is: a slow machine prints some.
+std::string without_progress(const std::string& text) {
+  return std::regex_replace(text, std::regex("(^|\n)([a-z ]+ [0-9]+ %\n)+"), "$1");
+}
+
 struct Outcome {
   int code = -1;
   std::string out, err;
@@ -77,7 +83,7 @@ class Viewer : public testing::Test {
     line += " >../out.$$ 2>../err.$$ </dev/null; code=$?; mv ../out.$$ .stdout; mv ../err.$$ .stderr; exit $code";
     const int status = std::system(line.c_str());
     Outcome outcome{WIFEXITED(status) ? WEXITSTATUS(status) : 128, content_of(folder_ / ".stdout"),
-                    content_of(folder_ / ".stderr")};
+                    without_progress(content_of(folder_ / ".stderr"))};
     fs::remove(folder_ / ".stdout");
     fs::remove(folder_ / ".stderr");
     return outcome;
