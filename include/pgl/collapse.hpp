@@ -144,11 +144,22 @@ PGL_HD Real collapse_cost(const CollapsingMesh<Real, Id>& m, std::uint32_t u, st
   const Real l = length(d);
   const auto penalty = static_cast<Real>(m.options.boundary_penalty);
   if (m.options.metric == CostMetric::edge_length) return edge_length_cost(l, slides, penalty);
+  // An edge has two triangles as a rule: with their normals at hand, one pass over the triangles of u is enough.
+  Vector<Real> normal_0{}, normal_1{};
+  std::uint32_t on_edge = 0;
+  for (Id c = m.first[u]; c != m.none; c = m.next[c]) {
+    const Wedge w = wedge_at(m, c);
+    if (w.next != x && w.previous != x) continue;
+    (on_edge == 0 ? normal_0 : normal_1) = m.normals[w.triangle];
+    ++on_edge;
+  }
   Real curvature = 0;
   for (Id c = m.first[u]; c != m.none; c = m.next[c]) {
     const Vector<Real> f = m.normals[c / 3];
     Real least = ieee::infinity<Real>;
-    for (Id e = m.first[u]; e != m.none; e = m.next[e]) {
+    if (on_edge > 0) least = ieee::min(dissimilarity(f, normal_0), least);
+    if (on_edge > 1) least = ieee::min(dissimilarity(f, normal_1), least);
+    for (Id e = on_edge > 2 ? m.first[u] : m.none; e != m.none; e = m.next[e]) {
       const Wedge w = wedge_at(m, e);
       if (w.next == x || w.previous == x) least = ieee::min(dissimilarity(f, m.normals[w.triangle]), least);
     }

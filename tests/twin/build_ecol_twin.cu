@@ -115,7 +115,7 @@ Batch random_batch(std::uint32_t seed, std::uint32_t meshes) {
     EcolCase c =
         random_ecol_case(static_cast<std::uint32_t>(rng()), {Kind::closed, Kind::one_sided, Kind::open, Kind::soup});
     if (below(rng, 4) == 0) make_extreme(c, rng);
-    if (below(rng, 20) == 0) c.mesh = TriangleMesh{};
+    if (below(rng, 20) == 0) c = EcolCase{};
     batch.add(c.mesh, c.locked);
   }
   batch.options = options_of(rng);

@@ -23,9 +23,10 @@ namespace pgl::cuda {
 
 namespace detail {
 
-/// One mesh of a batch: its range, and which it is.
+/// One mesh of a batch: its range, which it is, and the memory that it needs outside shared memory.
 struct EcolTask {
   MeshRange range;
+  std::uint64_t bytes;
   std::uint32_t mesh;
 };
 
@@ -426,8 +427,10 @@ class EcolWorkspace {
 
 namespace detail {
 
-/// A mesh by rounds is the whole device's from so many vertices on.
-inline constexpr std::uint32_t large_mesh = 1u << 16;
+/// By rounds, of the meshes that do not fit into shared memory the largest are the whole device's, one after the other:
+/// the i-th if it has at least i times as many vertices. A warp alone takes about as long for a vertex as the device
+/// for a sixteenth of such a mesh's rounds, so that one more would take longer than all the rest by warps.
+inline constexpr std::uint64_t large_mesh = 1024;
 /// Memory for meshes that do not fit into shared memory and are collapsed at the same time, bytes.
 inline constexpr std::uint64_t memory_at_a_time = 1ull << 30;
 
@@ -461,13 +464,12 @@ cudaError_t build_ecol(std::span<const MeshRange> meshes, const EcolArrays<Index
   };
   const bool rounds = options.order == EcolOrder::rounds;
 
-  // Tasks: the large ones by rounds, those in global memory, those in shared memory; each from large to small.
+  // Tasks: the large ones by rounds, those in global memory, both from large to small; those in shared memory.
   constexpr std::uint32_t kinds = 18;  // 0: large, 1: global memory, 1 + n: n share a processor
   std::uint32_t begin[kinds + 1] = {};
   std::vector<std::uint8_t> kind(meshes.size());
   for (std::size_t i = 0; i < meshes.size(); ++i) {
-    const std::uint32_t n = sharing_of(meshes[i]);
-    kind[i] = static_cast<std::uint8_t>(rounds && n == 0 && meshes[i].vertices >= large_mesh ? 0 : 1 + n);
+    kind[i] = static_cast<std::uint8_t>(1 + sharing_of(meshes[i]));
     ++begin[kind[i] + 1];
   }
   for (std::uint32_t k = 0; k < kinds; ++k) begin[k + 1] += begin[k];
@@ -477,17 +479,17 @@ cudaError_t build_ecol(std::span<const MeshRange> meshes, const EcolArrays<Index
   std::copy_n(begin, kinds, cursor);
   for (std::size_t i = 0; i < meshes.size(); ++i) tasks[cursor[kind[i]]++] = {meshes[i], static_cast<std::uint32_t>(i)};
   std::sort(tasks.begin() + begin[1], tasks.begin() + begin[2], [](const EcolTask& a, const EcolTask& b) {
-    return a.range.triangles != b.range.triangles ? a.range.triangles > b.range.triangles : a.mesh < b.mesh;
+    return a.bytes != b.bytes ? a.bytes > b.bytes : a.mesh < b.mesh;
   });
+  while (rounds && begin[1] < begin[2] && tasks[begin[1]].range.vertices >= large_mesh * (begin[1] + 1)) ++begin[1];
 
-  // Memory: a part per mesh in global memory that is worked on at the same time; one for the large ones, in turn.
+  // Memory: a part per block for meshes in global memory, of which it does every n-th, so that none is larger than its
+  // first; and one for the large ones, in turn.
   auto& offsets = workspace.offsets_;
   offsets.clear();
   std::uint64_t used = 0;
   for (std::uint32_t i = begin[1]; i < begin[2]; ++i) {
-    Wide s;
-    const std::uint64_t size =
-        Wide::lay_out(s, nullptr, tasks[i].range.vertices, tasks[i].range.triangles, options, with_error);
+    const std::uint64_t size = tasks[i].bytes;
     if (!offsets.empty() && used + size > memory_at_a_time) break;
     offsets.push_back(used);
     used += (size + 255) / 256 * 256;
@@ -544,8 +546,8 @@ cudaError_t build_ecol(std::span<const MeshRange> meshes, const EcolArrays<Index
 ///
 /// A warp collapses each mesh, in shared memory where it fits (about 2,000 triangles a time as a rule, 6,000 with one
 /// mesh a processor), so a model of many meshes keeps the whole device busy; one mesh alone in the greedy order keeps a
-/// single warp busy, at some 20 microseconds a collapse. With EcolOrder::rounds a mesh of 65,536 vertices or more that
-/// does not fit is collapsed by the whole device instead, one such mesh after the other.
+/// single warp busy, at some 20 microseconds a collapse. With EcolOrder::rounds the largest meshes that do not fit are
+/// collapsed by the whole device instead, one after the other.
 ///
 /// `meshes` is in host memory and is read before the call returns; everything else is on the device: positions,
 /// triangles, locked (empty: none), ecol, permute_v, permute_t, map, error (empty: not asked for), min_vertices (one
