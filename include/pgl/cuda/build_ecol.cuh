@@ -477,7 +477,12 @@ cudaError_t build_ecol(std::span<const MeshRange> meshes, const EcolArrays<Index
   tasks.resize(meshes.size());
   std::uint32_t cursor[kinds];
   std::copy_n(begin, kinds, cursor);
-  for (std::size_t i = 0; i < meshes.size(); ++i) tasks[cursor[kind[i]]++] = {meshes[i], static_cast<std::uint32_t>(i)};
+  for (std::size_t i = 0; i < meshes.size(); ++i)
+    tasks[cursor[kind[i]]++] = {meshes[i], 0, static_cast<std::uint32_t>(i)};
+  for (std::uint32_t i = begin[1]; i < begin[2]; ++i) {
+    Wide s;
+    tasks[i].bytes = Wide::lay_out(s, nullptr, tasks[i].range.vertices, tasks[i].range.triangles, options, with_error);
+  }
   std::sort(tasks.begin() + begin[1], tasks.begin() + begin[2], [](const EcolTask& a, const EcolTask& b) {
     return a.bytes != b.bytes ? a.bytes > b.bytes : a.mesh < b.mesh;
   });
