@@ -5,6 +5,7 @@
 #include <cstdlib>
 
 #include "pgl/host/build_ecol.hpp"
+#include "support/ecol_cases.hpp"
 #include "support/ecol_oracle.hpp"
 
 namespace {
@@ -13,120 +14,20 @@ using namespace test;
 using pgl::BoundaryRule;
 using pgl::CostMetric;
 using pgl::EcolOptions;
+using pgl::EcolOrder;
 
 // A case takes a fraction of a millisecond: try more than the usual 100 unless told otherwise.
 [[maybe_unused]] const int more_cases = setenv("RC_PARAMS", "max_success=500", 0);
 
 // ---- what is tried --------------------------------------------------------------------------------------------------
 
-enum class Kind { closed, one_sided, open, soup };
+using Case = EcolCase;
 
-struct Case {
-  Kind kind = Kind::closed;
-  TriangleMesh mesh;
-  EcolOptions options;
-  std::vector<std::uint8_t> locked;  ///< empty or one per vertex
-  bool fine = false;                 ///< Real is double
-};
-
-/// Spheres and tori of any genus, glued together or side by side.
-TriangleMesh closed_mesh(std::mt19937& rng) {
-  const auto piece = [&]() -> TriangleMesh {
-    switch (below(rng, 6)) {
-      case 0:
-        return tetrahedron();
-      case 1:
-        return octahedron();
-      case 2:
-        return bipyramid(3 + below(rng, 8));
-      case 3:
-        return sphere(1);
-      default:
-        return torus(4 + below(rng, 4), 3 + below(rng, 4));
-    }
-  };
-  TriangleMesh mesh = piece();
-  for (std::uint32_t more = below(rng, 4); more > 0; --more) {
-    const TriangleMesh next = piece();
-    mesh = below(rng, 4) == 0 ? beside(mesh, next)
-                              : glued(mesh, next, below(rng, mesh.triangle_count()), below(rng, next.triangle_count()));
-  }
-  return mesh;
-}
-
-/// Grids, bands, fans and surfaces with holes.
-TriangleMesh open_mesh(std::mt19937& rng) {
-  switch (below(rng, 6)) {
-    case 0:
-      return grid(1 + below(rng, 7), 1 + below(rng, 7));
-    case 1:
-      return moebius_strip(4 + below(rng, 8), 1 + below(rng, 3));
-    case 2:
-      return fan(1 + below(rng, 12), false);
-    case 3:
-      return fan(3 + below(rng, 12), true);
-    case 4:
-      return punctured(grid(5, 5), rng, 1 + below(rng, 10));
-    default:
-      return punctured(closed_mesh(rng), rng, 1 + below(rng, 6));
-  }
-}
-
-TriangleMesh soup_mesh(std::mt19937& rng) {
-  switch (below(rng, 4)) {
-    case 0:
-      return two_tetrahedra(below(rng, 4));
-    case 1: {  // a surface with some triangles doubled, some degenerate, some across
-      TriangleMesh mesh = below(rng, 2) == 0 ? closed_mesh(rng) : open_mesh(rng);
-      for (std::uint32_t i = below(rng, 8); i > 0 && !mesh.triangles.empty(); --i) {
-        Corners t = mesh.triangles[below(rng, mesh.triangle_count())];
-        if (below(rng, 2) == 0) t.v[below(rng, 3)] = below(rng, mesh.vertex_count());
-        mesh.triangles.push_back(t);
-      }
-      return mesh;
-    }
-    case 2:  // edges of many triangles, few of them open
-      return soup(rng, 4 + below(rng, 4), 6 + below(rng, 24));
-    default:
-      return soup(rng, 1 + below(rng, 30), 1 + below(rng, 60));
-  }
-}
-
-TriangleMesh mesh_of(Kind kind, std::mt19937& rng) {
-  switch (kind) {
-    case Kind::closed:
-      return closed_mesh(rng);
-    case Kind::one_sided:
-      return below(rng, 2) == 0 ? klein_bottle(4 + below(rng, 5), 4 + below(rng, 3))
-                                : glued(klein_bottle(5, 4), closed_mesh(rng), below(rng, 40), 0);
-    case Kind::open:
-      return open_mesh(rng);
-    default:
-      return soup_mesh(rng);
-  }
-}
-
-EcolOptions options_of(std::mt19937& rng) {
-  const float penalties[] = {10.0f, 1.0f, 0.1f, 1000.0f};
-  return {static_cast<CostMetric>(below(rng, 3)), below(rng, 2) == 0 ? BoundaryRule::locked : BoundaryRule::slide,
-          below(rng, 3) != 0, below(rng, 3) == 0, penalties[below(rng, 4)]};
-}
-
-/// A random case of one of the kinds. Half of them are moved off their symmetric places, the others have many equal
-/// costs; a third have a lock mask.
+/// A random case of one of the kinds, in either order.
 Case random_case(std::initializer_list<Kind> kinds) {
-  std::mt19937 rng(*rc::gen::arbitrary<std::uint32_t>().as("seed"));
-  Case c;
-  c.kind = kinds.begin()[below(rng, static_cast<std::uint32_t>(kinds.size()))];
-  c.mesh = mesh_of(c.kind, rng);
-  if (below(rng, 2) == 0) c.mesh = jittered(c.mesh, rng, 0.1f);
-  if (below(rng, 2) == 0) c.mesh = shuffled(c.mesh, rng);
-  c.options = options_of(rng);
-  c.fine = below(rng, 3) == 0;
-  if (below(rng, 3) == 0) {
-    c.locked.resize(c.mesh.positions.size());
-    for (auto& l : c.locked) l = static_cast<std::uint8_t>(below(rng, 5) == 0);
-  }
+  const auto seed = *rc::gen::arbitrary<std::uint32_t>().as("seed");
+  Case c = random_ecol_case(seed, kinds);
+  c.options.order = *rc::gen::element(EcolOrder::greedy, EcolOrder::rounds);
   return c;
 }
 
@@ -138,6 +39,7 @@ EcolResult run(const Case& c) {
 void classify(const Case& c, const EcolResult& r) {
   const char* kind[] = {"closed", "one-sided", "open", "soup"};
   RC_TAG(std::string(kind[static_cast<int>(c.kind)]),
+         std::string(c.options.order == EcolOrder::greedy ? "greedy" : "rounds"),
          std::string(r.min_vertices == c.mesh.vertex_count()      ? "nothing collapses"
                      : 2 * r.min_vertices > c.mesh.vertex_count() ? "more than half is left"
                                                                   : "less than half is left"));
@@ -292,6 +194,39 @@ RC_GTEST_PROP(BuildEcolProps, equalsBruteForce, ()) {
                                     : brute_force<float>(c.mesh, c.locked, c.options)) == "");
 }
 
+/// The collapses of one round are done one after another: each is allowed when its turn comes.
+RC_GTEST_PROP(BuildEcolProps, everyCollapseIsAllowedWhenItsTurnComes, ()) {
+  const Case c = random_case({Kind::closed, Kind::one_sided, Kind::open, Kind::soup});
+  const EcolResult r = run(c);
+  classify(c, r);
+  RC_ASSERT((c.fine ? not_allowed<double>(c.mesh, c.locked, c.options, r)
+                    : not_allowed<float>(c.mesh, c.locked, c.options, r)) == "");
+}
+
+RC_GTEST_PROP(BuildEcolProps, theLeastCollapseOfAllIsInTheFirstRound, ()) {
+  Case c = random_case({Kind::closed, Kind::open, Kind::soup});
+  c.fine = false;  // ranks leave out the last bits of a double
+  c.options.order = EcolOrder::greedy;
+  const EcolResult greedy = run(c);
+  c.options.order = EcolOrder::rounds;
+  const EcolResult rounds = run(c);
+  classify(c, rounds);
+  for (std::uint32_t v = 0; v < c.mesh.vertex_count(); ++v)
+    if (greedy.ecol[v] != nowhere && greedy.permute_v[v] + 1 == c.mesh.vertex_count())
+      RC_ASSERT(rounds.ecol[v] == greedy.ecol[v]);
+  RC_ASSERT((greedy.min_vertices == c.mesh.vertex_count()) == (rounds.min_vertices == c.mesh.vertex_count()));
+}
+
+RC_GTEST_PROP(BuildEcolProps, equalsBruteForceAtExtremePositions, ()) {
+  Case c = random_case({Kind::closed, Kind::one_sided, Kind::open, Kind::soup});
+  std::mt19937 rng(*rc::gen::arbitrary<std::uint32_t>());
+  make_extreme(c, rng);
+  const EcolResult r = run(c);
+  classify(c, r);
+  RC_ASSERT(difference_of(r, c.fine ? brute_force<double>(c.mesh, c.locked, c.options)
+                                    : brute_force<float>(c.mesh, c.locked, c.options)) == "");
+}
+
 /// The same with lists that RapidCheck can make smaller.
 RC_GTEST_PROP(BuildEcolProps, equalsBruteForceOnAnyListOfTriangles, ()) {
   const auto vertices = *rc::gen::inRange<std::uint32_t>(1, 9);
@@ -309,8 +244,11 @@ RC_GTEST_PROP(BuildEcolProps, equalsBruteForceOnAnyListOfTriangles, ()) {
   const auto locked = *rc::gen::container<std::vector<std::uint8_t>>(
       vertices, rc::gen::weightedElement<std::uint8_t>({{4, std::uint8_t{0}}, {1, std::uint8_t{1}}}));
   const EcolOptions options{*rc::gen::element(CostMetric::edge_length, CostMetric::quadric, CostMetric::melax),
-                            *rc::gen::element(BoundaryRule::locked, BoundaryRule::slide), *rc::gen::arbitrary<bool>(),
-                            *rc::gen::arbitrary<bool>(), 10.0f};
+                            *rc::gen::element(BoundaryRule::locked, BoundaryRule::slide),
+                            *rc::gen::arbitrary<bool>(),
+                            *rc::gen::arbitrary<bool>(),
+                            10.0f,
+                            *rc::gen::element(EcolOrder::greedy, EcolOrder::rounds)};
   const EcolResult r = build<float, std::uint16_t>(mesh, options, locked);
   RC_CLASSIFY(r.min_vertices == vertices, "nothing collapses");
   RC_CLASSIFY(r.map[r.min_vertices] == 0, "nothing is left");

@@ -1,13 +1,15 @@
 // SPDX-License-Identifier: MIT
-// Slow, separate answers to what build_ecol computes: the whole greedy order by brute force, costs in binary128 from
-// the formulas as printed, and the meshes one gets by collapsing one edge at a time.
+// Slow, separate answers to what build_ecol computes: the whole greedy order and the rounds by brute force, costs in
+// binary128 from the formulas as printed, and the meshes one gets by collapsing one edge at a time.
 #pragma once
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <cstdint>
 #include <limits>
+#include <map>
 #include <optional>
 #include <set>
 #include <span>
@@ -96,7 +98,7 @@ inline std::string difference_of(const EcolResult& a, const EcolResult& b) {
   return out.str();
 }
 
-// ---- the greedy order by brute force --------------------------------------------------------------------------------
+// ---- the order by brute force ---------------------------------------------------------------------------------------
 
 /// The mesh between two collapses. It holds a list of triangles and nothing that is kept up to date from one step to
 /// the next: counts, costs and permissions are found anew from the list. Only the cost functions are the rule's.
@@ -176,6 +178,55 @@ class EcolOracle {
     for (const Ranked& r : ranked)
       if (allowed(r.move)) return r.move;
     return std::nullopt;
+  }
+
+  /// The collapses of the next round, in their order; none when no collapse is allowed. From the definition: every
+  /// vertex has its least allowed collapse; the least of all, if it is above the round's limit, lifts the limit to just
+  /// below the next power of two; of those within the limit, one is done if it has the least rank at u, at v and at all
+  /// their neighbours.
+  std::vector<Move> next_round() {
+    find_neighbourhoods();
+    struct Choice {
+      Real cost;
+      std::uint32_t to;
+    };
+    std::map<std::uint32_t, Choice> choices;
+    Real least = 0;
+    for (std::uint32_t u = 0; u < around_.size(); ++u)
+      for (const std::uint32_t v : neighbours(u)) {
+        const Real c = ordered(cost({u, v}));
+        const auto known = choices.find(u);
+        if ((known != choices.end() && !(c < known->second.cost)) || !allowed({u, v})) continue;
+        choices[u] = {c, v};
+      }
+    for (const auto& [u, choice] : choices)
+      if (u == choices.begin()->first || choice.cost < least) least = choice.cost;
+    if (choices.empty()) return {};
+    if (!started_ || least > limit_) limit_ = last_of_binade(least);
+    started_ = true;
+    std::erase_if(choices, [&](const auto& entry) { return entry.second.cost > limit_; });
+
+    const auto region = [&](std::uint32_t u) {
+      std::set<std::uint32_t> out{u, choices[u].to};
+      out.merge(neighbours(u));
+      out.merge(neighbours(choices[u].to));
+      return out;
+    };
+    const auto before = [&](std::uint32_t a, std::uint32_t b) {
+      const Real x = coarse(choices[a].cost), y = coarse(choices[b].cost);
+      return x < y || (x == y && a < b);
+    };
+    std::map<std::uint32_t, std::uint32_t> owner;
+    for (const auto& [u, choice] : choices)
+      for (const std::uint32_t x : region(u))
+        if (const auto [entry, fresh] = owner.try_emplace(x, u); !fresh && before(u, entry->second)) entry->second = u;
+    std::vector<Move> round;
+    for (const auto& [u, choice] : choices) {
+      bool wins = true;
+      for (const std::uint32_t x : region(u)) wins = wins && owner[x] == u;
+      if (wins) round.push_back({u, choice.to});
+    }
+    return round;
   }
 
   void apply(const Move& move) {
@@ -313,8 +364,7 @@ class EcolOracle {
     return count;
   }
   const std::vector<std::uint32_t>& around(std::uint32_t v) const { return around_[v]; }
-
- private:
+  /// Brings uses() and allowed() up to date.
   void find_neighbourhoods() {
     around_.resize(position_.size());
     for (auto& list : around_) list.clear();
@@ -322,6 +372,8 @@ class EcolOracle {
       if (alive_[t])
         for (const std::uint32_t c : corner_[t].v) around_[c].push_back(t);
   }
+
+ private:
   bool has(std::uint32_t t, std::uint32_t v) const {
     return corner_[t].v[0] == v || corner_[t].v[1] == v || corner_[t].v[2] == v;
   }
@@ -365,6 +417,23 @@ class EcolOracle {
     const auto& c = corner_[t].v;
     return pgl::triangle_normal(position_[c[0]], position_[c[1]], position_[c[2]]);
   }
+  /// A cost as it is compared: what is no number counts as infinite, what rounding made negative as zero.
+  static Real ordered(Real cost) {
+    return std::isnan(cost) ? std::numeric_limits<Real>::infinity() : std::max(cost, Real(0));
+  }
+  /// The greatest number with the binary exponent of a cost; zero and all subnormal numbers share one.
+  static Real last_of_binade(Real cost) {
+    if (cost < std::numeric_limits<Real>::min()) return std::nextafter(std::numeric_limits<Real>::min(), Real(0));
+    int exponent = 0;
+    std::frexp(cost, &exponent);
+    return std::isinf(cost) ? cost : std::nextafter(std::ldexp(Real(1), exponent), Real(0));
+  }
+  /// A cost as ranks compare it: a double without its last 32 bits.
+  static float coarse(float cost) { return cost; }
+  static double coarse(double cost) {
+    return std::bit_cast<double>(std::bit_cast<std::uint64_t>(cost) & ~std::uint64_t{0xFFFFFFFF});
+  }
+
   pgl::EcolOptions options_;
   std::vector<std::uint8_t> locked_;
   pgl::Normalisation frame_;
@@ -377,13 +446,23 @@ class EcolOracle {
   std::vector<std::vector<std::uint32_t>> around_;
   EcolResult result_;
   std::uint32_t left_ = 0, triangles_left_ = 0;
+  Real limit_ = 0;  ///< of the rounds
+  bool started_ = false;
 };
 
+/// Sizes of the rounds, where wanted.
 template <class Real>
-EcolResult brute_force(const TriangleMesh& mesh, std::span<const std::uint8_t> locked,
-                       const pgl::EcolOptions& options) {
+EcolResult brute_force(const TriangleMesh& mesh, std::span<const std::uint8_t> locked, const pgl::EcolOptions& options,
+                       std::vector<std::size_t>* sizes = nullptr) {
   EcolOracle<Real> oracle(mesh, locked, options);
-  while (const auto move = oracle.best()) oracle.apply(*move);
+  if (options.order == pgl::EcolOrder::greedy) {
+    while (const auto move = oracle.best()) oracle.apply(*move);
+    return oracle.finish();
+  }
+  for (auto round = oracle.next_round(); !round.empty(); round = oracle.next_round()) {
+    if (sizes != nullptr) sizes->push_back(round.size());
+    for (const auto& move : round) oracle.apply(move);
+  }
   return oracle.finish();
 }
 
@@ -430,6 +509,23 @@ class SequentialCollapse {
   std::vector<std::uint32_t> goes_;
   std::uint32_t left_ = 0;
 };
+
+/// Does the recorded collapses one at a time and asks before each whether it is allowed in the mesh as it then is, and
+/// in the end whether another one would be. Empty if all is well.
+template <class Real>
+std::string not_allowed(const TriangleMesh& mesh, std::span<const std::uint8_t> locked, const pgl::EcolOptions& options,
+                        const EcolResult& result) {
+  EcolOracle<Real> oracle(mesh, locked, options);
+  for (SequentialCollapse sequence(mesh, result); !sequence.finished(); sequence.step()) {
+    const typename EcolOracle<Real>::Move move{sequence.next_from(), sequence.next_to()};
+    oracle.find_neighbourhoods();
+    if (oracle.uses(move.from, move.to) == 0 || !oracle.allowed(move))
+      return std::to_string(move.from) + " into " + std::to_string(move.to) + " at " +
+             std::to_string(sequence.vertices_left()) + " vertices";
+    oracle.apply(move);
+  }
+  return oracle.best() ? "one more would be allowed" : "";
+}
 
 /// Why the arrays do not have the form that build_ecol promises; empty if they do.
 inline std::string malformed(const TriangleMesh& mesh, const EcolResult& r) {

@@ -11,6 +11,10 @@
 #include "pgl/host/rearrange.hpp"
 #include "support/ecol_oracle.hpp"
 
+#if defined(_OPENMP)
+#include <omp.h>
+#endif
+
 // ---- memory is counted, so that what a call allocates can be asserted -----------------------------------------------
 
 namespace {
@@ -59,21 +63,24 @@ using namespace test;
 using pgl::BoundaryRule;
 using pgl::CostMetric;
 using pgl::EcolOptions;
+using pgl::EcolOrder;
 
-/// Every combination of metric, boundary rule, link condition and flip guard.
+/// Every combination of metric, boundary rule, link condition, flip guard and order.
 std::vector<EcolOptions> all_options() {
   std::vector<EcolOptions> out;
-  for (const CostMetric metric : {CostMetric::quadric, CostMetric::melax, CostMetric::edge_length})
-    for (const BoundaryRule boundary : {BoundaryRule::locked, BoundaryRule::slide})
-      for (const bool link : {true, false})
-        for (const bool flip : {false, true}) out.push_back({metric, boundary, link, flip, 10.0f});
+  for (const EcolOrder order : {EcolOrder::greedy, EcolOrder::rounds})
+    for (const CostMetric metric : {CostMetric::quadric, CostMetric::melax, CostMetric::edge_length})
+      for (const BoundaryRule boundary : {BoundaryRule::locked, BoundaryRule::slide})
+        for (const bool link : {true, false})
+          for (const bool flip : {false, true}) out.push_back({metric, boundary, link, flip, 10.0f, order});
   return out;
 }
 
 std::string name(const EcolOptions& o) {
   const char* metric[] = {"quadric", "melax", "edge_length"};
   return std::string(metric[static_cast<int>(o.metric)]) + (o.boundary == BoundaryRule::slide ? " slide" : " locked") +
-         (o.link_condition ? " link" : "") + (o.flip_guard ? " flip" : "");
+         (o.link_condition ? " link" : "") + (o.flip_guard ? " flip" : "") +
+         (o.order == EcolOrder::rounds ? " rounds" : "");
 }
 
 template <class Real, class Index>
@@ -403,6 +410,28 @@ TEST(BuildEcol, EqualsBruteForceOnRandomSoups) {
   }
 }
 
+TEST(BuildEcol, RoundsEqualBruteForceOnLargerMeshes) {
+  std::mt19937 rng(14);
+  const TriangleMesh meshes[] = {
+      shuffled(jittered(sphere(3), rng, 0.02f), rng), shuffled(jittered(grid(15, 12), rng, 0.3f), rng), grid(14, 14),
+      shuffled(punctured(jittered(torus(20, 12), rng, 0.02f), rng, 40), rng), soup(rng, 200, 400)};
+  std::uint32_t which = 0;
+  for (const TriangleMesh& mesh : meshes)
+    for (const BoundaryRule boundary : {BoundaryRule::locked, BoundaryRule::slide})
+      for (const bool fine : {false, true}) {
+        const CostMetric metric = static_cast<CostMetric>(which++ % 3);
+        const EcolOptions options{metric, boundary, which % 4 != 0, which % 5 == 0, 10.0f, EcolOrder::rounds};
+        const EcolResult result =
+            fine ? build<double, std::uint32_t>(mesh, options) : build<float, std::uint16_t>(mesh, options);
+        const EcolResult expected =
+            fine ? brute_force<double>(mesh, {}, options) : brute_force<float>(mesh, {}, options);
+        ASSERT_EQ(difference_of(result, expected), "") << name(options);
+        ASSERT_EQ(fine ? not_allowed<double>(mesh, {}, options, result) : not_allowed<float>(mesh, {}, options, result),
+                  "")
+            << name(options);
+      }
+}
+
 /// Too large for brute force at every step: the recorded collapses are replayed, and at some counts the next one is
 /// looked for by brute force. At the end nothing may be left to do.
 TEST(BuildEcol, TakesTheLeastCollapseOfLargerMeshesAtSampledCounts) {
@@ -438,26 +467,28 @@ TEST(BuildEcol, TakesTheLeastCollapseOfLargerMeshesAtSampledCounts) {
 // ---- single shapes, answers known beforehand ------------------------------------------------------------------------
 
 TEST(BuildEcol, OfNothingIsNothing) {
-  const EcolResult r = build(TriangleMesh{}, {});
-  EXPECT_EQ(r.min_vertices, 0u);
-  EXPECT_EQ(r.map, std::vector<std::uint32_t>{0});
-  EXPECT_EQ(r.error, std::vector<float>{0});
+  for (const EcolOrder order : {EcolOrder::greedy, EcolOrder::rounds}) {
+    const EcolResult r = build(TriangleMesh{}, EcolOptions{.order = order});
+    EXPECT_EQ(r.min_vertices, 0u);
+    EXPECT_EQ(r.map, std::vector<std::uint32_t>{0});
+    EXPECT_EQ(r.error, std::vector<float>{0});
+  }
 }
 
 TEST(BuildEcol, KeepsWhatHasNoEdgeToCollapse) {
-  const EcolResult point = build(TriangleMesh{{{1, 2, 3}}, {}}, {});
-  EXPECT_EQ(point.min_vertices, 1u);
-  EXPECT_EQ(point.ecol[0], nowhere);
+  const TriangleMesh degenerate{{{0, 0, 0}, {1, 0, 0}}, {{{0, 0, 1}}, {{1, 1, 1}}}};
   for (const EcolOptions& options : all_options()) {
+    const EcolResult point = build(TriangleMesh{{{1, 2, 3}}, {}}, options);
+    EXPECT_EQ(point.min_vertices, 1u) << name(options);
+    EXPECT_EQ(point.ecol[0], nowhere);
     const EcolResult triangle = build(fan(1, false), options);
     EXPECT_EQ(triangle.min_vertices, 3u) << name(options);
     EXPECT_EQ(triangle.map[3], 1u);
+    const EcolResult r = build(degenerate, options);
+    EXPECT_EQ(r.min_vertices, 2u) << name(options);
+    EXPECT_EQ(r.map[2], 2u);
+    EXPECT_EQ(r.permute_t, (std::vector<std::uint32_t>{0, 1}));
   }
-  const TriangleMesh degenerate{{{0, 0, 0}, {1, 0, 0}}, {{{0, 0, 1}}, {{1, 1, 1}}}};
-  const EcolResult r = build(degenerate, {});
-  EXPECT_EQ(r.min_vertices, 2u);
-  EXPECT_EQ(r.map[2], 2u);
-  EXPECT_EQ(r.permute_t, (std::vector<std::uint32_t>{0, 1}));
 }
 
 TEST(BuildEcol, LinkConditionKeepsTheTetrahedron) {
@@ -516,13 +547,32 @@ TEST(BuildEcol, SlideSimplifiesWhereLockedCannot) {
 
 TEST(BuildEcol, FlatMeshesHaveNoQuadricErrorAndKeepTheirCorners) {
   const TriangleMesh mesh = grid(8, 8);
-  const EcolResult r = build(mesh, EcolOptions{.boundary = BoundaryRule::slide});
-  // Until the four corners are left nothing is lost.
-  EXPECT_EQ(r.error[4], 0);
-  std::set<std::uint32_t> left;
-  for (std::uint32_t v = 0; v < mesh.vertex_count(); ++v)
-    if (r.permute_v[v] < 4) left.insert(v);
-  EXPECT_EQ(left, (std::set<std::uint32_t>{0, 8, 72, 80}));
+  for (const EcolOrder order : {EcolOrder::greedy, EcolOrder::rounds}) {
+    const EcolResult r = build(mesh, EcolOptions{.boundary = BoundaryRule::slide, .order = order});
+    // Until the four corners are left nothing is lost.
+    EXPECT_EQ(r.error[4], 0);
+    std::set<std::uint32_t> left;
+    for (std::uint32_t v = 0; v < mesh.vertex_count(); ++v)
+      if (r.permute_v[v] < 4) left.insert(v);
+    EXPECT_EQ(left, (std::set<std::uint32_t>{0, 8, 72, 80}));
+  }
+}
+
+/// Two far spheres, one a little larger: in rounds both are worked on at the same time, the smaller one first only
+/// where its costs are less by more than a factor of two.
+TEST(BuildEcol, RoundsWorkEverywhereAtOnce) {
+  std::mt19937 rng(15);
+  const TriangleMesh one = jittered(sphere(2), rng, 0.05f);
+  TriangleMesh other = one;
+  for (glm::vec3& p : other.positions) p = {p.x * 1.01f, p.y * 1.01f, p.z * 1.01f};
+  const TriangleMesh mesh = beside(one, other, 1000);
+  for (const CostMetric metric : {CostMetric::quadric, CostMetric::melax, CostMetric::edge_length}) {
+    const EcolOptions options{.metric = metric, .order = EcolOrder::rounds};
+    std::vector<std::size_t> sizes, sizes_of_one;
+    brute_force<float>(one, {}, options, &sizes_of_one);
+    ASSERT_EQ(difference_of(build(mesh, options), brute_force<float>(mesh, {}, options, &sizes)), "");
+    EXPECT_LT(sizes.size(), sizes_of_one.size() * 3 / 2);
+  }
 }
 
 TEST(BuildEcol, ErrorsAreInModelUnits) {
@@ -542,14 +592,17 @@ TEST(BuildEcol, ErrorsAreInModelUnits) {
 }
 
 TEST(BuildEcol, RepeatedTrianglesVanishTogether) {
-  TriangleMesh mesh = fan(1, false);
-  for (int i = 1; i < 1000; ++i) mesh.triangles.push_back(mesh.triangles[0]);
   for (const EcolOptions& options : all_options()) {
+    // In rounds the Melax cost of a vertex takes the cube of its triangles.
+    const bool cubic = options.metric == CostMetric::melax && options.order == EcolOrder::rounds;
+    const std::uint32_t n = cubic ? 60 : 1000;
+    TriangleMesh mesh = fan(1, false);
+    for (std::uint32_t i = 1; i < n; ++i) mesh.triangles.push_back(mesh.triangles[0]);
     const EcolResult r = build(mesh, options);
     EXPECT_EQ(r.min_vertices, 2u) << name(options);
-    EXPECT_EQ(r.map[3], 1000u);
+    EXPECT_EQ(r.map[3], n);
     EXPECT_EQ(r.map[2], 0u);
-    for (std::uint32_t t = 0; t < 1000; ++t) EXPECT_EQ(r.permute_t[t], 999 - t);
+    for (std::uint32_t t = 0; t < n; ++t) EXPECT_EQ(r.permute_t[t], n - 1 - t);
   }
 }
 
@@ -557,20 +610,23 @@ TEST(BuildEcol, DegenerateTrianglesGoWithTheFirstCollapse) {
   TriangleMesh mesh = octahedron();
   mesh.triangles.insert(mesh.triangles.begin(), {{1, 1, 4}});
   mesh.triangles.push_back({{2, 2, 2}});
-  const EcolResult r = build(mesh, {});
-  EXPECT_EQ(r.map[6], 10u);
-  EXPECT_EQ(r.map[5], 6u);
-  EXPECT_EQ(r.permute_t[0], 9u);  // the first by index goes to the very end
-  EXPECT_EQ(r.permute_t[9], 6u);
-  EXPECT_EQ(prefixes_differ(mesh, r), "");
+  for (const EcolOrder order : {EcolOrder::greedy, EcolOrder::rounds}) {
+    const EcolResult r = build(mesh, EcolOptions{.order = order});
+    EXPECT_EQ(r.map[6], 10u);
+    EXPECT_EQ(r.map[5], 6u);
+    EXPECT_EQ(r.permute_t[0], 9u);  // the first by index goes to the very end
+    EXPECT_EQ(r.permute_t[9], 6u);
+    EXPECT_EQ(prefixes_differ(mesh, r), "");
+  }
 }
 
 TEST(BuildEcol, EqualCostsGoByIndex) {
-  // All on one point: every cost is 0, so the first allowed pair by (from, to) goes.
+  // All on one point: every cost is 0, so the first allowed pair by (from, to) goes. In a round it goes first too.
   TriangleMesh mesh = sphere(2);
   for (glm::vec3& p : mesh.positions) p = {0, 0, 0};
-  for (const CostMetric metric : {CostMetric::quadric, CostMetric::melax, CostMetric::edge_length}) {
-    const EcolResult r = build(mesh, EcolOptions{.metric = metric});
+  for (EcolOptions options : all_options()) {
+    options.flip_guard = options.link_condition = false;
+    const EcolResult r = build(mesh, options);
     const std::uint32_t first = mesh.vertex_count() - 1;
     EXPECT_EQ(r.permute_v[0], first);
     std::uint32_t neighbour = nowhere;
@@ -588,8 +644,10 @@ TEST(BuildEcol, EqualCostsGoByIndex) {
 TEST(BuildEcol, CopesWithVerticesOfManyTriangles) {
   for (EcolOptions options : all_options()) {
     if (options.flip_guard || !options.link_condition) continue;
-    // Melax costs grow with the square of the valence.
-    const std::uint32_t n = options.metric == CostMetric::melax ? 200 : 5000;
+    // Melax costs grow with the square of the valence; a hub that takes part in every collapse makes every round one.
+    const std::uint32_t n = options.metric == CostMetric::melax  ? 200
+                            : options.order == EcolOrder::rounds ? 1000
+                                                                 : 5000;
     for (const TriangleMesh& mesh : {fan(n, true), bipyramid(n / 4)}) {
       const EcolResult r = build(mesh, options);
       ASSERT_EQ(malformed(mesh, r), "") << name(options);
@@ -600,15 +658,16 @@ TEST(BuildEcol, CopesWithVerticesOfManyTriangles) {
 
 TEST(BuildEcol, CopesWithLongStrips) {
   std::mt19937 rng(13);
-  for (const CostMetric metric : {CostMetric::quadric, CostMetric::melax, CostMetric::edge_length}) {
-    const EcolOptions options{.metric = metric, .boundary = BoundaryRule::slide};
-    // In order, every cost is equal and one vertex eats its way along, with ever more triangles.
-    for (const TriangleMesh& mesh : {grid(1, 300), shuffled(grid(1, 20000), rng)}) {
-      const EcolResult r = build(mesh, options);
-      EXPECT_EQ(malformed(mesh, r), "");
-      EXPECT_LE(r.min_vertices, 4u);
+  for (const EcolOrder order : {EcolOrder::greedy, EcolOrder::rounds})
+    for (const CostMetric metric : {CostMetric::quadric, CostMetric::melax, CostMetric::edge_length}) {
+      const EcolOptions options{.metric = metric, .boundary = BoundaryRule::slide, .order = order};
+      // In order, every cost is equal and one vertex eats its way along, with ever more triangles.
+      for (const TriangleMesh& mesh : {grid(1, 300), shuffled(grid(1, 20000), rng)}) {
+        const EcolResult r = build(mesh, options);
+        EXPECT_EQ(malformed(mesh, r), "");
+        EXPECT_LE(r.min_vertices, 4u);
+      }
     }
-  }
 }
 
 /// One hub runs along its whole rim: every collapse moves all its triangles to the next vertex. Memory stays linear.
@@ -667,11 +726,14 @@ TEST(BuildEcol, TakesAllOfSixteenBits) {
   TriangleMesh mesh = jittered(torus(255, 257), rng, 0.001f);
   ASSERT_EQ(mesh.positions.size(), 65535u);
   mesh.positions[65533] = mesh.positions[65534];
-  const EcolResult wide = build<float, std::uint32_t>(mesh, {});
-  const EcolResult narrow = build<float, std::uint16_t>(mesh, {});
-  EXPECT_EQ(narrow.ecol[65533], 65534u);
-  ASSERT_EQ(malformed(mesh, narrow), "");
-  EXPECT_EQ(difference_of(wide, narrow), "");
+  for (const EcolOrder order : {EcolOrder::greedy, EcolOrder::rounds}) {
+    const EcolOptions options{.order = order};
+    const EcolResult wide = build<float, std::uint32_t>(mesh, options);
+    const EcolResult narrow = build<float, std::uint16_t>(mesh, options);
+    EXPECT_EQ(narrow.ecol[65533], 65534u);
+    ASSERT_EQ(malformed(mesh, narrow), "");
+    EXPECT_EQ(difference_of(wide, narrow), "");
+  }
 }
 
 TEST(BuildEcol, SizeDoesNotMatter) {
@@ -719,6 +781,194 @@ TEST(BuildEcol, ErrorsAreOptionalAndChangeNothing) {
     const EcolResult with = build<float, std::uint32_t>(mesh, {}, options, workspace, true);
     const EcolResult without = build<float, std::uint32_t>(mesh, {}, options, workspace, false);
     EXPECT_EQ(difference_of(with, without), "") << name(options);
+  }
+}
+
+// ---- many threads, many meshes --------------------------------------------------------------------------------------
+
+/// The number of threads while it lives.
+class Threads {
+ public:
+  explicit Threads([[maybe_unused]] int count) {
+#if defined(_OPENMP)
+    omp_set_num_threads(count);
+#endif
+  }
+  ~Threads() {
+#if defined(_OPENMP)
+    omp_set_num_threads(before_);
+#endif
+  }
+  Threads(const Threads&) = delete;
+  Threads& operator=(const Threads&) = delete;
+
+ private:
+  [[maybe_unused]] int before_ = static_cast<int>(pgl::host::thread_count());
+};
+
+TEST(BuildEcol, ThreadsChangeNoBit) {
+  std::mt19937 rng(16);
+  struct {
+    TriangleMesh mesh;
+    CostMetric metric;
+    BoundaryRule boundary;
+    bool link_condition;
+  } const cases[] = {
+      {shuffled(jittered(torus(150, 100), rng, 0.01f), rng), CostMetric::quadric, BoundaryRule::locked, true},
+      {grid(110, 110), CostMetric::quadric, BoundaryRule::slide, true},  // nearly all costs are equal
+      {shuffled(punctured(jittered(torus(120, 110), rng, 0.01f), rng, 2000), rng), CostMetric::melax,
+       BoundaryRule::slide, true},
+      {soup(rng, 13000, 26000), CostMetric::edge_length, BoundaryRule::slide, false}};
+  for (const auto& [mesh, metric, boundary, link_condition] : cases) {
+    const EcolOptions options{metric, boundary, link_condition, link_condition, 10.0f, EcolOrder::rounds};
+    EcolResult expected;
+    pgl::host::EcolWorkspace<float> workspace;
+    for (const int threads : {1, 2, 4}) {
+      const Threads scope(threads);
+      const EcolResult r = build<float, std::uint32_t>(mesh, {}, options, workspace);
+      if (threads == 1) {
+        expected = r;
+        ASSERT_EQ(malformed(mesh, r), "") << name(options);
+        ASSERT_LT(r.min_vertices, mesh.vertex_count()) << name(options);
+      }
+      ASSERT_EQ(difference_of(r, expected), "") << name(options) << " on " << threads << " threads";
+    }
+  }
+}
+
+/// The outputs of many meshes in shared arrays, with places between them that are nobody's.
+template <class Real, class Index>
+void expect_batch_equals_single_calls(const std::vector<TriangleMesh>& meshes, const EcolOptions& options,
+                                      bool with_locks, bool with_error, std::mt19937& rng) {
+  const std::size_t count = meshes.size();
+  std::vector<std::size_t> order(count);
+  for (std::size_t i = 0; i < count; ++i) {
+    order[i] = i;
+    std::swap(order[i], order[below(rng, static_cast<std::uint32_t>(i + 1))]);
+  }
+  std::vector<pgl::MeshRange> ranges(count);
+  std::uint64_t vertices = below(rng, 3), triangles = below(rng, 3), entries = below(rng, 3);
+  for (const std::size_t i : order) {  // in memory the meshes lie in another order than in the list
+    ranges[i] = {vertices, triangles, entries, meshes[i].vertex_count(), meshes[i].triangle_count()};
+    vertices += meshes[i].positions.size() + below(rng, 3);
+    triangles += meshes[i].triangles.size() + below(rng, 3);
+    entries += meshes[i].positions.size() + 1 + below(rng, 3);
+  }
+  constexpr Index foreign = static_cast<Index>(0x5A5A5A5A);
+  std::vector<glm::vec3> positions(vertices, glm::vec3(std::numeric_limits<float>::quiet_NaN()));
+  std::vector<pgl::Triangle<Index>> corners(triangles, {{foreign, foreign, foreign}});
+  std::vector<std::uint8_t> locked(with_locks ? vertices : 0, 1);
+  for (std::size_t i = 0; i < count; ++i) {
+    const std::uint64_t v = ranges[i].first_vertex, t = ranges[i].first_triangle;
+    std::copy(meshes[i].positions.begin(), meshes[i].positions.end(), positions.begin() + static_cast<long>(v));
+    for (std::size_t k = 0; k < meshes[i].triangles.size(); ++k)
+      for (int c = 0; c < 3; ++c) corners[t + k].v[c] = static_cast<Index>(meshes[i].triangles[k].v[c]);
+    for (std::size_t k = 0; with_locks && k < meshes[i].positions.size(); ++k)
+      locked[v + k] = static_cast<std::uint8_t>(below(rng, 6) == 0);
+  }
+
+  // What single calls give, into the same arrays.
+  struct Outputs {
+    std::vector<Index> ecol, permute_v;
+    std::vector<std::uint32_t> permute_t, map;
+    std::vector<float> error;
+    std::vector<std::uint32_t> min_vertices;
+    bool operator==(const Outputs&) const = default;
+  };
+  const Outputs untouched{std::vector<Index>(vertices, foreign),
+                          std::vector<Index>(vertices, foreign),
+                          std::vector<std::uint32_t>(triangles, 0x5A5A5A5A),
+                          std::vector<std::uint32_t>(entries, 0x5A5A5A5A),
+                          std::vector<float>(with_error ? entries : 0, -1.0f),
+                          std::vector<std::uint32_t>(count, 0x5A5A5A5A)};
+  Outputs expected = untouched;
+  for (std::size_t i = 0; i < count; ++i) {
+    const pgl::MeshRange& m = ranges[i];
+    pgl::host::EcolWorkspace<Real> workspace;
+    const auto part = [](auto& array, std::uint64_t first, std::size_t size) {
+      return array.empty() ? std::span(array) : std::span(array).subspan(first, size);
+    };
+    expected.min_vertices[i] = pgl::host::build_ecol<Real, Index>(
+        part(positions, m.first_vertex, m.vertices), part(corners, m.first_triangle, m.triangles),
+        part(locked, m.first_vertex, m.vertices), options, workspace, part(expected.ecol, m.first_vertex, m.vertices),
+        part(expected.permute_v, m.first_vertex, m.vertices), part(expected.permute_t, m.first_triangle, m.triangles),
+        part(expected.map, m.first_map, m.vertices + 1u), part(expected.error, m.first_map, m.vertices + 1u));
+  }
+  std::vector<pgl::host::EcolWorkspace<Real>> workspaces;
+  for (const int threads : {1, 2, 4}) {
+    const Threads scope(threads);
+    Outputs out = untouched;
+    pgl::host::build_ecol<Real, Index>(ranges, positions, corners, locked, options, workspaces, out.ecol, out.permute_v,
+                                       out.permute_t, out.map, out.error, out.min_vertices);
+    ASSERT_TRUE(out == expected) << name(options) << " on " << threads << " threads";
+  }
+}
+
+TEST(BuildEcol, BatchesEqualSingleCallsAndLeaveTheGapsAlone) {
+  std::mt19937 rng(17);
+  std::vector<TriangleMesh> meshes{{}, {{{1, 2, 3}}, {}}, octahedron(), {}, fan(7, false)};
+  meshes.push_back({{{0, 0, 0}, {1, 0, 0}}, {{{0, 0, 1}}, {{1, 1, 1}}}});
+  for (int i = 0; i < 40; ++i) {
+    meshes.push_back(soup(rng, 1 + below(rng, 20), below(rng, 40)));
+    meshes.push_back(jittered(sphere(static_cast<int>(below(rng, 3))), rng, 0.1f));
+    meshes.push_back(shuffled(jittered(grid(1 + below(rng, 6), 1 + below(rng, 6)), rng, 0.2f), rng));
+  }
+  std::uint32_t which = 0;
+  for (const EcolOptions& options : all_options()) {
+    const bool with_locks = which % 2 != 0, with_error = which % 3 != 0;
+    switch (which++ % 4) {
+      case 0:
+        expect_batch_equals_single_calls<float, std::uint32_t>(meshes, options, with_locks, with_error, rng);
+        break;
+      case 1:
+        expect_batch_equals_single_calls<double, std::uint16_t>(meshes, options, with_locks, with_error, rng);
+        break;
+      case 2:
+        expect_batch_equals_single_calls<float, std::uint16_t>(meshes, options, with_locks, with_error, rng);
+        break;
+      default:
+        expect_batch_equals_single_calls<double, std::uint32_t>(meshes, options, with_locks, with_error, rng);
+    }
+    if (HasFatalFailure()) return;
+  }
+}
+
+TEST(BuildEcol, OfNoMeshesIsNothing) {
+  std::vector<pgl::host::EcolWorkspace<float>> workspaces;
+  std::vector<std::uint32_t> permute_t{7}, map{7}, ecol{7}, permute_v{7};
+  const std::vector<glm::vec3> positions{{0, 0, 0}};
+  const std::vector<Corners> triangles{{{0, 0, 0}}};
+  pgl::host::build_ecol<float, std::uint32_t>({}, positions, triangles, {}, {}, workspaces, ecol, permute_v, permute_t,
+                                              map, {}, {});
+  for (const auto& array : {permute_t, map, ecol, permute_v}) EXPECT_EQ(array, std::vector<std::uint32_t>{7});
+}
+
+TEST(BuildEcol, BatchesAllocateNothingOnceWarm) {
+  std::mt19937 rng(18);
+  std::vector<glm::vec3> positions;
+  std::vector<Corners> triangles;
+  std::vector<pgl::MeshRange> ranges;
+  std::uint64_t entries = 0;
+  for (int i = 0; i < 30; ++i) {
+    const TriangleMesh mesh = jittered(sphere(1), rng, 0.1f);
+    ranges.push_back({positions.size(), triangles.size(), entries, mesh.vertex_count(), mesh.triangle_count()});
+    positions.insert(positions.end(), mesh.positions.begin(), mesh.positions.end());
+    triangles.insert(triangles.end(), mesh.triangles.begin(), mesh.triangles.end());
+    entries += mesh.positions.size() + 1;
+  }
+  std::vector<std::uint32_t> ecol(positions.size()), permute_v(positions.size()), permute_t(triangles.size()),
+      map(entries), min_vertices(ranges.size());
+  const Threads one(1);
+  for (const EcolOptions& options : all_options()) {
+    std::vector<pgl::host::EcolWorkspace<float>> workspaces;
+    const auto run = [&] {
+      const std::size_t before = allocations;
+      pgl::host::build_ecol<float, std::uint32_t>(ranges, positions, triangles, {}, options, workspaces, ecol,
+                                                  permute_v, permute_t, map, {}, min_vertices);
+      return allocations - before;
+    };
+    run();
+    EXPECT_EQ(run(), 0u) << name(options);
   }
 }
 

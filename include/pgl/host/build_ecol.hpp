@@ -555,7 +555,7 @@ class Collapser {
 
   /// Triangles with u and v vanish; in the others of u, u becomes v.
   void move_triangles(std::uint32_t u, std::uint32_t v) {
-    w_.vanished_.swap(w_.degenerate_);
+    w_.vanished_.assign(w_.degenerate_.begin(), w_.degenerate_.end());
     w_.degenerate_.clear();
 
     auto &su = w_.state_[u], &sv = w_.state_[v];
