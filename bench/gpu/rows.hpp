@@ -1,0 +1,44 @@
+// SPDX-License-Identifier: MIT
+// The groups of rows of the GPU benchmarks.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <string>
+
+#include "plant.hpp"
+
+namespace pgl::bench {
+
+class Bench;
+
+/// What the rows are about.
+struct Workload {
+  std::size_t objects = 718000;  ///< [Peng13] Table 4.5
+  std::uint64_t budget = 10500000;
+  bool stitched = true;
+};
+
+/// The largest scanned model at hand: the Stanford dragon at its second resolution, in the folder of real models.
+inline constexpr const char* scan_file = "single/dragon_vrip_res2.ply";
+
+/// The plant, ordered and arranged by the host, and a scanned model where there is one.
+struct Model {
+  Meshes<std::uint16_t> meshes;
+  Order<std::uint16_t> order;
+  Arranged<std::uint16_t> arranged;
+  double order_ms = 0;  ///< what the host took for `order`, on all cores
+  std::optional<Meshes<std::uint32_t>> scan;
+};
+
+/// Selection and building of a frame, step by step and as a whole.
+void frame_rows(Bench& bench, const Model& model, const Workload& workload);
+
+/// rearrange of the whole model.
+void rearrange_rows(Bench& bench, const Model& model);
+
+/// build_ecol of the whole model, and of single large meshes.
+void ecol_rows(Bench& bench, const Model& model);
+
+}  // namespace pgl::bench
