@@ -51,8 +51,9 @@ PGL_HD constexpr Index final_vertex(const Index* ecol, std::uint32_t count, cons
 /// so that its outside stays counter-clockwise. Precondition: the sums fit OutIndex.
 template <class OutIndex, class Index>
 PGL_HD constexpr Triangle<OutIndex> drawn_triangle(const Triangle<Index>& t, std::uint64_t base, bool mirror) {
-  return {{static_cast<OutIndex>(base + t.v[0]), static_cast<OutIndex>(base + t.v[mirror ? 2 : 1]),
-           static_cast<OutIndex>(base + t.v[mirror ? 1 : 2])}};
+  const Index second = mirror ? t.v[2] : t.v[1], third = mirror ? t.v[1] : t.v[2];  // not by index: stays in registers
+  return {{static_cast<OutIndex>(base + t.v[0]), static_cast<OutIndex>(base + second),
+           static_cast<OutIndex>(base + third)}};
 }
 
 namespace detail {

@@ -249,6 +249,7 @@ TYPED_TEST(RearrangeTwin, ReplaysAsAGraph) {
   b.add(random, 20000, 20000);
   const OnDevice<TypeParam> device(b);
   const auto expected = on_host(b, true);
+  must(device.rearrange(true, {}));  // loads the kernels
   const pgl::test::Captured graph([&](cudaStream_t stream) { return device.rearrange(true, stream); });
   for (int round = 0; round < 2; ++round) {
     pgl::test::poison(device.out_vertices);

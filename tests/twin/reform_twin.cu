@@ -353,6 +353,8 @@ TYPED_TEST(ReformTwin, ReplaysAsAGraphAndAllocatesNothing) {
   const OnDevice<TypeParam> device(full);
   pgl::cuda::ReformWorkspace<TypeParam> workspace;
   must(workspace.reserve(full.objects.size(), 30000));
+  must(device.reform_local(workspace, {}));  // loads the kernels
+  must(device.reform(workspace, {}));
   const std::size_t reserved = workspace.buffer.size();
   const void* memory = workspace.buffer.template at<void>();
   const Captured graph([&](cudaStream_t stream) {

@@ -58,6 +58,8 @@ __global__ void __launch_bounds__(1024)
     detail::for_each_group<rows>(
         offsets, size, origin, lo, hi, area.heads, [&](const detail::TilePart& part, unsigned first, unsigned last) {
           if (part.size != 0) {
+            detail::prefetch(&objects[part.object].transform[1]);
+            detail::prefetch(&objects[part.object].transform[3].z);
             const Mesh& mesh = meshes[objects[part.object].mesh];
             PGL_ASSERT(counts[part.object] <= mesh.max_vertices);
             PGL_ASSERT(offsets[part.object + 1] - part.begin == counts[part.object]);

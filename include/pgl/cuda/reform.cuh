@@ -39,7 +39,7 @@ struct Tuning {
 };
 
 inline constexpr std::uint64_t finish_blocks = 256;            ///< at most, for the objects with large tables
-inline constexpr std::uint64_t least_table_entries = 1 << 20;  ///< shared by these blocks, an object each
+inline constexpr std::uint64_t least_table_entries = 1 << 22;  ///< shared by these blocks, an object each
 
 template <class Index>
 struct Scene {
@@ -75,6 +75,8 @@ struct Shown {
   std::uint16_t lane;      // that knows more
   std::uint16_t mirror;
 };
+
+static_assert(sizeof(Shown<std::uint16_t>) == 32);
 
 /// What of a warp's shared memory is for copies of ecol: the rest are its objects and their heads (detail::slot_of).
 template <class Index>
@@ -372,7 +374,7 @@ struct Scratch {
 }  // namespace reform_detail
 
 /// Scratch of reform on the device: 4 bytes and a bit per object, and an Index per vertex of the largest mesh, of which
-/// at least 2^20. It only grows, and a warm call allocates nothing; its contents on entry do not matter.
+/// at least 2^22. It only grows, and a warm call allocates nothing; its contents on entry do not matter.
 template <class Index>
 struct ReformWorkspace {
   Buffer buffer;

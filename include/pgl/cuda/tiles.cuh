@@ -123,6 +123,13 @@ __device__ void write_row(const T* staged, T* out, std::uint64_t at, unsigned fi
   }
 }
 
+/// Asks for what will be read soon.
+__device__ inline void prefetch([[maybe_unused]] const void* address) {
+#if defined(__CUDA_ARCH__)
+  asm volatile("prefetch.global.L2 [%0];" ::"l"(address));
+#endif
+}
+
 /// The shared memory that a block may have on any device without asking for more.
 inline constexpr std::size_t most_shared_bytes = 48 << 10;
 
