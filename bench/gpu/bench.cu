@@ -149,8 +149,7 @@ bool Bench::same_bytes(const Expected& e) {
   return same;
 }
 
-void Bench::device(const Measurement& m, Row& row) {
-  const std::vector<Expected> outputs = m.outputs ? m.outputs() : std::vector<Expected>();
+void Bench::device(const Measurement& m, const std::vector<Expected>& outputs, Row& row) {
   for (const Expected& e : outputs) {
     if (e.bytes > 0) must(cudaMemset(e.device, 0xA5, e.bytes), "memset");
   }
@@ -220,13 +219,20 @@ void Bench::row(const Measurement& m) {
   if (m.host) host(m, row);
   bool lost = false;
   if (!host_only() && m.enqueue) {
+    std::vector<Expected> outputs;
     try {
-      device(m, row);
+      if (m.outputs) outputs = m.outputs();
+      device(m, outputs, row);
       if (row.equal && !*row.equal) failed("device and host differ");
     } catch (const std::exception& error) {
       failed(error.what());
       (void)cudaGetLastError();
       lost = cudaDeviceSynchronize() != cudaSuccess;  // an error that stays: nothing more can run here
+    }
+    if (!lost && !row.equal.value_or(false)) {  // other rows read it
+      for (const Expected& e : outputs) {
+        if (e.bytes > 0) must(cudaMemcpy(e.device, e.host, e.bytes, cudaMemcpyHostToDevice), "upload");
+      }
     }
   }
   report.rows.push_back(std::move(row));

@@ -141,7 +141,7 @@ class Bench {
  private:
   using Enqueue = std::function<cudaError_t(cudaStream_t)>;
 
-  void device(const Measurement& m, Row& row);
+  void device(const Measurement& m, const std::vector<Expected>& outputs, Row& row);
   void host(const Measurement& m, Row& row) const;
   int repeats(double ms) const;
   double events_ms(const Enqueue& enqueue, int times, int each, bool cold);
