@@ -56,7 +56,7 @@ struct Policy {
 };
 
 /// The whole plant. The host orders all of it where that was done anyhow, else its first objects.
-void plant_rows(Bench& bench, const Model& model) {
+void plant_rows(Bench& bench, const Model& model, const Workload& workload) {
   struct PlantPolicy : Policy {
     std::size_t host_objects;  // that take the host a few seconds on one core
   };
@@ -85,7 +85,7 @@ void plant_rows(Bench& bench, const Model& model) {
                .graph = false,
                .host_all_ms = whole ? std::optional(model.order_ms) : std::nullopt,
                .host_scale = static_cast<double>(meshes.triangles.size()) / static_cast<double>(host.permute_t.size()),
-               .target_ms = whole ? std::optional(5000.0) : std::nullopt,
+               .target_ms = whole ? workload.target(5000) : std::nullopt,
                .note = note});
   }
 }
@@ -129,8 +129,8 @@ void mesh_rows(Bench& bench, const std::string& mesh_name, const Meshes<std::uin
 
 }  // namespace
 
-void ecol_rows(Bench& bench, const Model& model) {
-  plant_rows(bench, model);
+void ecol_rows(Bench& bench, const Model& model, const Workload& workload) {
+  plant_rows(bench, model, workload);
   if (bench.wants("build_ecol/scan/quadric, rounds") || bench.wants("build_ecol/scan/melax, rounds")) {
     if (model.scan) {
       mesh_rows(bench, "scan", *model.scan);

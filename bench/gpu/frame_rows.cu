@@ -274,7 +274,7 @@ void frame_rows(Bench& bench, const Model& model, const Workload& workload) {
                    host.cull();
                    host.budget();
                  },
-             .target_ms = 0.25});
+             .target_ms = workload.target(0.25)});
   bench.row({.name = "lay_out",
              .bytes = bytes.lay_out(),
              .enqueue = [&](cudaStream_t stream) { return device.lay_out(stream); },
@@ -306,7 +306,7 @@ void frame_rows(Bench& bench, const Model& model, const Workload& workload) {
              .enqueue = [&](cudaStream_t stream) { return device.reform(stream); },
              .outputs = [&] { return std::vector{expect(device.triangles, host.triangles)}; },
              .host = [&] { host.reform(); },
-             .target_ms = 0.25});
+             .target_ms = workload.target(0.25)});
   bench.row({.name = "plain reform/16 bit",
              .bytes = bytes.reform(sizeof(Index), 4),
              .enqueue =

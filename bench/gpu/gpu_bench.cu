@@ -169,7 +169,7 @@ int run(const Arguments& arguments) {
     model.scan = std::move(scan);
     frame_rows(bench, model, arguments.workload);
     rearrange_rows(bench, model);
-    ecol_rows(bench, model);
+    ecol_rows(bench, model, arguments.workload);
   } catch (const std::exception& error) {
     std::fprintf(stderr, "gpu_bench: %s\n", error.what());
     bench.report.context.emplace_back("stopped", error.what());
