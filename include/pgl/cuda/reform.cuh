@@ -373,7 +373,7 @@ struct Scratch {
 
 }  // namespace reform_detail
 
-/// Scratch of reform on the device: 4 bytes and a bit per object, and an Index per vertex of the largest mesh, of which
+/// Scratch of reform on the device: 4 bytes and a bit per object, and an Index for each vertex of the largest mesh, for
 /// at least 2^22. It only grows, and a warm call allocates nothing; its contents on entry do not matter.
 template <class Index>
 struct ReformWorkspace {
