@@ -202,7 +202,7 @@ class EcolWorkspace {
     std::vector<std::uint8_t> flags, stale;
     std::vector<CandidateOf<Real, std::uint32_t>> least;
     std::vector<std::uint64_t> claims;
-    std::vector<std::uint32_t> live, winners;
+    std::vector<std::uint32_t> live, stale_list, candidates, winners;
     std::vector<float> distances;
   };
   RoundsState rounds_;
@@ -647,7 +647,8 @@ class Collapser {
   Real plane_distance_ = 0;
 };
 
-/// One mesh collapsed by rounds, see collapse.hpp: every step of a round runs over all vertices on all threads.
+/// One mesh collapsed by rounds, see collapse.hpp: every step of a round runs over the vertices that it is about, on
+/// all threads where there are enough of them.
 template <class Real>
 class Rounds {
   using Mesh = CollapsingMesh<Real, std::uint32_t>;
@@ -679,7 +680,10 @@ class Rounds {
     m_.normals = room(w_.normals, triangles.size(), options.metric == CostMetric::melax);
     room(w_.stale, vertices);
     room(w_.least, vertices);
-    room(w_.claims, vertices);
+    w_.claims.assign(vertices, 0);
+    room(w_.live, vertices);
+    room(w_.stale_list, vertices);
+    room(w_.candidates, vertices);
     room(w_.winners, vertices);
     room(w_.distances, vertices);
 
@@ -706,68 +710,33 @@ class Rounds {
         if (!is_gone(m_, triangle)) m_.normals[t] = direction(normal_of(m_, triangle));
       });
     }
-    w_.live.resize(vertices);
     parallel_for(vertices, grain, [&](std::size_t v) {
       const auto u = static_cast<std::uint32_t>(v);
       set_up_vertex(m_, u, locked.empty() || locked[v] == 0);
-      w_.stale[v] = 1;
-      w_.live[v] = u;
+      w_.stale[v] = 0;
+      w_.live[v] = w_.stale_list[v] = u;
     });
+    live_ = stale_ = vertices;
   }
 
   /// Performs the next round and returns the vertices that went, in order; none when no valid collapse is left.
   std::span<const std::uint32_t> step() {
-    for (;;) {
-      const Found found = look();
-      if (found.any) break;
-      if (found.least == no_cost) return {};
-      limit_ = round_limit(found.least);
-    }
-    for_live([&](std::uint32_t u) {
-      if (w_.least[u].target == Mesh::none) return;
-      for_region(m_, u, w_.least[u].target, [&](std::uint32_t x) {
-        const std::uint64_t rank = round_rank(w_.least[u].cost, u);
-        const std::atomic_ref<std::uint64_t> claim(w_.claims[x]);
-        for (std::uint64_t old = claim.load(); rank < old && !claim.compare_exchange_weak(old, rank);) {
-        }
-        return true;
-      });
-    });
+    candidates_ = select(w_.candidates, candidates_, w_.candidates, 0, [&](std::uint32_t u) { return !w_.stale[u]; });
+    look();
+    while (candidates_ == 0)
+      if (!raise_limit()) return {};
 
-    const std::size_t blocks = block_count(w_.live.size());
-    std::array<std::size_t, max_blocks> begins{}, sizes{};
-    for_blocks(w_.live.size(), blocks, [&](std::size_t b, std::size_t begin, std::size_t end) {
-      begins[b] = begin;
-      for (std::size_t i = begin; i < end; ++i) {
-        const std::uint32_t u = w_.live[i];
-        if ((m_.flags[u] & Mesh::movable) == 0 || w_.least[u].target == Mesh::none) continue;
-        const std::uint64_t rank = round_rank(w_.least[u].cost, u);
-        const bool wins = for_region(m_, u, w_.least[u].target, [&](std::uint32_t x) { return w_.claims[x] == rank; });
-        if (wins) w_.winners[begin + sizes[b]++] = u;
-      }
+    ++round_;
+    const std::span<const std::uint32_t> candidates = std::span(w_.candidates).first(candidates_);
+    const std::size_t blocks = blocks_of(candidates_, 512);
+    for_blocks(candidates_, blocks, [&](std::size_t, std::size_t begin, std::size_t end) {
+      for (const std::uint32_t u : candidates.subspan(begin, end - begin)) claim(u, blocks > 1);
     });
-    std::size_t winners = 0;
-    for (std::size_t b = 0; b < blocks; ++b) {
-      std::copy_n(w_.winners.begin() + static_cast<std::ptrdiff_t>(begins[b]), sizes[b],
-                  w_.winners.begin() + static_cast<std::ptrdiff_t>(winners));
-      winners += sizes[b];
-    }
-    parallel_for(winners, 64, [&](std::size_t i) {
-      const std::uint32_t u = w_.winners[i];
-      const std::uint32_t v = w_.least[u].target;
-      for_region(m_, u, v, [&](std::uint32_t x) {
-        w_.stale[x] = 1;
-        return true;
-      });
-      const Real distance = perform_collapse(m_, u, v, [&](std::uint32_t t) { removed_by_[t] = u; });
-      w_.distances[u] = in_model_units(distance, normalisation_);
+    const std::size_t winners = select(w_.candidates, candidates_, w_.winners, 0, [&](std::uint32_t u) {
+      return for_region(m_, u, w_.least[u].target, [&](std::uint32_t x) { return w_.claims[x] == mark(u); });
     });
-
-    gone_ += winners;
-    if (gone_ > w_.live.size() / 8) {
-      std::erase_if(w_.live, [&](std::uint32_t u) { return (m_.flags[u] & Mesh::present) == 0; });
-      gone_ = 0;
-    }
+    std::sort(w_.winners.begin(), w_.winners.begin() + static_cast<std::ptrdiff_t>(winners));
+    perform(std::span(w_.winners).first(winners));
     return {w_.winners.data(), winners};
   }
 
@@ -778,44 +747,114 @@ class Rounds {
  private:
   static constexpr std::size_t grain = 4096;
 
-  struct Found {
-    bool any = false;      ///< some vertex has a valid collapse within the limit
-    Cost least = no_cost;  ///< of the others' cheapest ones
-    void operator+=(const Found& other) {
-      any = any || other.any;
-      least = std::min(least, other.least);
-    }
-  };
+  /// Parts in which n vertices are worked on; one where there are too few to share.
+  static std::size_t blocks_of(std::size_t n, std::size_t least) {
+    return std::min(block_count(n * (grain / least)), n / least + 1);
+  }
 
-  template <class Body>
-  void for_live(Body&& body) {
-    for_blocks(w_.live.size(), block_count(w_.live.size()), [&](std::size_t, std::size_t begin, std::size_t end) {
+  /// Writes those of the first n of `from` that `keep` says to `to`, from place `at` on, in their order; returns how
+  /// many. `from` and `to` may be one, with at = 0.
+  template <class Keep>
+  std::size_t select(const std::vector<std::uint32_t>& from, std::size_t n, std::vector<std::uint32_t>& to,
+                     std::size_t at, Keep&& keep) {
+    const std::size_t blocks = blocks_of(n, 256);
+    std::array<std::size_t, max_blocks> begins{}, sizes{};
+    for_blocks(n, blocks, [&](std::size_t b, std::size_t begin, std::size_t end) {
+      begins[b] = begin;
+      std::size_t size = 0;
       for (std::size_t i = begin; i < end; ++i)
-        if ((m_.flags[w_.live[i]] & Mesh::movable) != 0) body(w_.live[i]);
+        if (const std::uint32_t u = from[i]; keep(u)) to[at + begin + size++] = u;
+      sizes[b] = size;
+    });
+    std::size_t kept = sizes[0];
+    for (std::size_t b = 1; b < blocks; ++b) {
+      const auto first = to.begin() + static_cast<std::ptrdiff_t>(at);
+      std::copy_n(first + static_cast<std::ptrdiff_t>(begins[b]), sizes[b], first + static_cast<std::ptrdiff_t>(kept));
+      kept += sizes[b];
+    }
+    return kept;
+  }
+
+  /// Brings the least collapses of the stale vertices up to date; those that have one within the limit become
+  /// candidates.
+  void look() {
+    candidates_ += select(w_.stale_list, stale_, w_.candidates, candidates_, [&](std::uint32_t u) {
+      w_.stale[u] = 0;
+      if ((m_.flags[u] & Mesh::movable) == 0) return false;
+      w_.least[u] = least_collapse(m_, u, limit_);
+      return w_.least[u].target != Mesh::none;
+    });
+    stale_ = 0;
+  }
+
+  /// Without candidates: raises the limit to the cheapest collapse left and looks at the vertices that it lets in.
+  bool raise_limit() {
+    struct Least {
+      Cost cost = no_cost;
+      void operator+=(const Least& other) { cost = std::min(cost, other.cost); }
+    };
+    live_ = select(w_.live, live_, w_.live, 0, [&](std::uint32_t u) { return (m_.flags[u] & Mesh::movable) != 0; });
+    const Cost least = sum_blocks(live_, block_count(live_), [&](std::size_t, std::size_t begin, std::size_t end) {
+                         Least part;
+                         for (std::size_t i = begin; i < end; ++i) part += {w_.least[w_.live[i]].cost};
+                         return part;
+                       }).cost;
+    if (least == no_cost) return false;
+    limit_ = round_limit(least);
+    stale_ = select(w_.live, live_, w_.stale_list, 0, [&](std::uint32_t u) { return w_.least[u].cost <= limit_; });
+    look();
+    return true;
+  }
+
+  /// What stands in claims where u's collapse is the least of this round so far.
+  std::uint64_t mark(std::uint32_t u) const { return (std::uint64_t{round_} << 32) | u; }
+
+  void claim(std::uint32_t u, bool shared) {
+    const std::uint64_t mine = mark(u), rank = round_rank(w_.least[u].cost, u);
+    const auto before = [&](std::uint64_t mark) {
+      if (mark >> 32 != round_) return true;
+      const auto other = static_cast<std::uint32_t>(mark);
+      return rank < round_rank(w_.least[other].cost, other);
+    };
+    for_region(m_, u, w_.least[u].target, [&](std::uint32_t x) {
+      if (!shared) {
+        if (before(w_.claims[x])) w_.claims[x] = mine;
+        return true;
+      }
+      const std::atomic_ref<std::uint64_t> claim(w_.claims[x]);
+      for (std::uint64_t old = claim.load(std::memory_order_relaxed);
+           before(old) && !claim.compare_exchange_weak(old, mine, std::memory_order_relaxed);) {
+      }
+      return true;
     });
   }
 
-  /// Brings every vertex's least collapse up to date.
-  Found look() {
-    return sum_blocks(w_.live.size(), block_count(w_.live.size()),
-                      [&](std::size_t, std::size_t begin, std::size_t end) {
-                        Found found;
-                        for (std::size_t i = begin; i < end; ++i) {
-                          const std::uint32_t u = w_.live[i];
-                          auto& least = w_.least[u];
-                          w_.claims[u] = ~std::uint64_t{0};
-                          if ((m_.flags[u] & Mesh::movable) == 0) continue;
-                          if (w_.stale[u] != 0 || (least.target == Mesh::none && least.cost <= limit_)) {
-                            least = least_collapse(m_, u, limit_);
-                            w_.stale[u] = 0;
-                          }
-                          if (least.target != Mesh::none)
-                            found.any = true;
-                          else
-                            found.least = std::min(found.least, least.cost);
-                        }
-                        return found;
-                      });
+  /// Performs the collapses of one round and lists the vertices whose own may be others now.
+  void perform(std::span<const std::uint32_t> winners) {
+    std::atomic<std::size_t> stale{0};
+    for_blocks(winners.size(), blocks_of(winners.size(), 64), [&](std::size_t, std::size_t begin, std::size_t end) {
+      std::array<std::uint32_t, 256> list;  // regions do not meet: no vertex comes twice
+      std::size_t listed = 0;
+      const auto flush = [&] {
+        const std::size_t at = stale.fetch_add(listed, std::memory_order_relaxed);
+        std::copy_n(list.begin(), listed, w_.stale_list.begin() + static_cast<std::ptrdiff_t>(at));
+        listed = 0;
+      };
+      for (const std::uint32_t u : winners.subspan(begin, end - begin)) {
+        const std::uint32_t v = w_.least[u].target;
+        for_region(m_, u, v, [&](std::uint32_t x) {
+          if (w_.stale[x] != 0) return true;
+          w_.stale[x] = 1;
+          if (listed == list.size()) flush();
+          list[listed++] = x;
+          return true;
+        });
+        const Real distance = perform_collapse(m_, u, v, [&](std::uint32_t t) { removed_by_[t] = u; });
+        w_.distances[u] = in_model_units(distance, normalisation_);
+      }
+      flush();
+    });
+    stale_ = stale;
   }
 
   typename EcolWorkspace<Real>::RoundsState& w_;
@@ -823,7 +862,9 @@ class Rounds {
   Normalisation normalisation_;
   Mesh m_;
   Cost limit_ = 0;
-  std::size_t gone_ = 0;
+  std::uint32_t round_ = 0;
+  std::size_t live_ = 0;                    ///< those that may move, and some that are gone
+  std::size_t stale_ = 0, candidates_ = 0;  ///< how many are listed
 };
 
 /// build_ecol with EcolOrder::rounds.
