@@ -283,6 +283,9 @@ class Backends : public Viewer {
   static constexpr const char* names[2] = {"host", "cuda"};
 };
 
+/// The cases that need more than a GPU: where that is missing they are skipped, on a machine with a GPU too.
+class BackendsExtra : public Backends {};
+
 #define SKIP_WITHOUT_GPU() \
   if (const std::string why = missing(); !why.empty()) GTEST_SKIP() << "the backends are NOT compared: " << why
 
@@ -317,7 +320,7 @@ TEST_F(Backends, DrawTheSameBytesFrameAfterFrame) {
   expect_same(with(orbit, {"--objects", "300", "--budget", "9000", "--camera", "0.5,0.2,1,3,0,1"}));
 }
 
-TEST_F(Backends, DrawTheSameBytesWhereOpenGlIsNotTheGpus) {
+TEST_F(BackendsExtra, DrawTheSameBytesWhereOpenGlIsNotTheGpus) {
   SKIP_WITHOUT_GPU();
   const fs::path mesa = "/usr/share/glvnd/egl_vendor.d/50_mesa.json";
   if (!fs::exists(mesa)) GTEST_SKIP() << "Mesa's OpenGL is not installed";
@@ -342,7 +345,7 @@ TEST_F(Backends, DrawTheSameBytesOfSharedAndMirroredMeshesAndWideIndices) {
   expect_same(with(orbit, {"--budget", "40000", "--boundary", "slide", "strip.obj"}));
 }
 
-TEST_F(Backends, DrawTheSameBytesOfRealModels) {
+TEST_F(BackendsExtra, DrawTheSameBytesOfRealModels) {
   SKIP_WITHOUT_GPU();
   int found = 0;
   for (const char* name : {"single/stanford-bunny.obj", "ifc/mini_project.glb"}) {
