@@ -27,6 +27,7 @@ struct CollapsingMesh {
   static constexpr std::uint8_t movable = 1;   ///< it may go
   static constexpr std::uint8_t balanced = 2;  ///< its triangles name each neighbour as often after it as before it
   static constexpr std::uint8_t present = 4;   ///< it has not gone
+  static constexpr std::uint8_t rejected = 8;  ///< its driver has found a collapse of it that is cheaper, but not valid
 
   std::uint32_t vertices = 0, triangles = 0;
   EcolOptions options;
@@ -39,6 +40,7 @@ struct CollapsingMesh {
   std::uint8_t* flags = nullptr;    ///< per vertex
   Id* corners = nullptr;            ///< per corner, its vertex; none at corner 3t where triangle t is gone
   Id* next = nullptr;               ///< per corner, the next one of the same vertex
+  Id* previous = nullptr;           ///< and the one before
   Vector<Real>* normals = nullptr;  ///< per triangle, its direction; Melax cost only
 };
 
@@ -296,42 +298,31 @@ PGL_HD CandidateOf<Real, Id> least_collapse(const CollapsingMesh<Real, Id>& m, s
   return {best.cost, m.none};
 }
 
-/// Takes the corners of triangles that are gone out of x's list.
+/// Takes a corner out of the list of its vertex x.
 template <class Real, class Id>
-PGL_HD void unlink_gone(const CollapsingMesh<Real, Id>& m, std::uint32_t x) {
-  Id last = m.none;
-  for (Id c = m.first[x], after; c != m.none; c = after) {
-    after = m.next[c];
-    if (is_gone(m, c / 3)) continue;
-    if (last == m.none)
-      m.first[x] = c;
-    else
-      m.next[last] = c;
-    last = c;
-  }
-  if (last == m.none)
-    m.first[x] = m.none;
-  else
-    m.next[last] = m.none;
-  m.last[x] = last;
+PGL_HD void unlink(const CollapsingMesh<Real, Id>& m, std::uint32_t x, std::uint32_t corner) {
+  const Id before = m.previous[corner], after = m.next[corner];
+  (before == m.none ? m.first[x] : m.next[before]) = after;
+  (after == m.none ? m.last[x] : m.previous[after]) = before;
 }
 
-/// First part of u -> v, for the triangle at corner c of u: it goes if v is in it, and else v takes u's place. Tells
-/// whether it goes.
+/// Part of u -> v, for the triangle at corner `of_u` of u when it has v: takes its corners out of the three lists.
 template <class Real, class Id>
-PGL_HD bool move_triangle(const CollapsingMesh<Real, Id>& m, std::uint32_t c, std::uint32_t v) {
-  const Wedge w = wedge_at(m, c);
-  if (w.next == v || w.previous == v) {
-    m.corners[3 * w.triangle] = m.none;
-    return true;
-  }
-  m.corners[c] = static_cast<Id>(v);
-  if (m.normals != nullptr) m.normals[w.triangle] = direction(normal_of(m, w.triangle));
-  return false;
+PGL_HD void remove_triangle(const CollapsingMesh<Real, Id>& m, std::uint32_t of_u) {
+  const std::uint32_t t = of_u / 3;
+  for (std::uint32_t c = 3 * t; c < 3 * t + 3; ++c) unlink(m, m.corners[c], c);
+  m.corners[3 * t] = m.none;
 }
 
-/// Last part of u -> v, when no list around has a triangle that is gone: v gets u's list and quadric, and u may not go
-/// again. Returns the geometric error of the collapse in normalised units, 0 where none is asked for.
+/// Part of u -> v, for the triangle at corner `of_u` of u when it has not v: v takes u's place.
+template <class Real, class Id>
+PGL_HD void move_triangle(const CollapsingMesh<Real, Id>& m, std::uint32_t of_u, std::uint32_t v) {
+  m.corners[of_u] = static_cast<Id>(v);
+  if (m.normals != nullptr) m.normals[of_u / 3] = direction(normal_of(m, of_u / 3));
+}
+
+/// Last part of u -> v, when all triangles are removed or moved: v gets u's list and quadric, and u may not go again.
+/// Returns the geometric error of the collapse in normalised units, 0 where none is asked for.
 template <class Real, class Id>
 PGL_HD Real join_vertices(const CollapsingMesh<Real, Id>& m, std::uint32_t u, std::uint32_t v) {
   Real distance = 0;
@@ -346,10 +337,12 @@ PGL_HD Real join_vertices(const CollapsingMesh<Real, Id>& m, std::uint32_t u, st
   if ((m.flags[u] & m.balanced) == 0) m.flags[v] &= static_cast<std::uint8_t>(~m.balanced);
   m.flags[u] = 0;
   if (m.first[u] != m.none) {
-    if (m.first[v] == m.none)
+    if (m.first[v] == m.none) {
       m.first[v] = m.first[u];
-    else
+    } else {
       m.next[m.last[v]] = m.first[u];
+      m.previous[m.first[u]] = m.last[v];
+    }
     m.last[v] = m.last[u];
     m.first[u] = m.last[u] = m.none;
   }
@@ -408,12 +401,13 @@ PGL_HD Real perform_collapse(const CollapsingMesh<Real, Id>& m, std::uint32_t u,
   for (Id c = m.first[u], after; c != m.none; c = after) {
     after = m.next[c];
     const Wedge w = wedge_at(m, c);
-    if (!move_triangle(m, c, v)) continue;
-    gone(w.triangle);
-    unlink_gone(m, w.next == v ? w.previous : w.next);
+    if (w.next == v || w.previous == v) {
+      gone(w.triangle);
+      remove_triangle(m, c);
+    } else {
+      move_triangle(m, c, v);
+    }
   }
-  unlink_gone(m, u);
-  unlink_gone(m, v);
   return join_vertices(m, u, v);
 }
 

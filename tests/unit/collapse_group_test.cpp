@@ -3,6 +3,7 @@
 // for groups of any size, so that the algorithm is tested where there is no GPU.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <array>
 #include <atomic>
 #include <barrier>
@@ -59,6 +60,10 @@ class ThreadGroup {
     for (unsigned i = 0; i < N; ++i) mask |= static_cast<std::uint32_t>(meeting_->words[i][0]) << i;
     sync();
     return mask;
+  }
+  std::uint32_t least(std::uint32_t x) const {
+    for (unsigned step = N / 2; step > 0; step /= 2) x = std::min(x, shuffle(x, rank_ ^ step));
+    return x;
   }
   std::uint32_t exchange(std::uint32_t* p, std::uint32_t x) const {
     return std::atomic_ref(*p).exchange(x, std::memory_order_relaxed);

@@ -13,6 +13,7 @@
 #include <cuda/std/iterator>
 #include <limits>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "pgl/cuda/buffer.cuh"
@@ -47,8 +48,20 @@ struct Warp {
     memcpy(&result, word, sizeof(T));
     return result;
   }
-  __device__ std::uint32_t exchange(std::uint32_t* p, std::uint32_t x) const { return atomicExch(p, x); }
-  __device__ void add(std::uint32_t* p, std::uint32_t x) const { atomicAdd(p, x); }
+  __device__ std::uint32_t least(std::uint32_t x) const {
+#if !defined(__CUDA_ARCH__) || __CUDA_ARCH__ >= 800
+    return __reduce_min_sync(~0u, x);
+#else
+    for (unsigned step = 16; step > 0; step /= 2) x = min(x, __shfl_xor_sync(~0u, x, step));
+    return x;
+#endif
+  }
+  __device__ std::uint32_t exchange(std::uint32_t* p, std::uint32_t x) const {
+    return atomicExch(p, x);
+  }
+  __device__ void add(std::uint32_t* p, std::uint32_t x) const {
+    atomicAdd(p, x);
+  }
   __device__ void lower(std::uint64_t* p, std::uint64_t x) const {
     atomicMin(reinterpret_cast<unsigned long long*>(p), static_cast<unsigned long long>(x));
   }
@@ -213,7 +226,9 @@ __global__ void link_large_kernel(CollapsingMesh<Real, std::uint32_t> m, const s
     if (v == m.none) continue;
     const bool ends = i + 1 == corners || keys[i + 1] != v;
     m.next[c] = ends ? m.none : values[i + 1];
-    if (i == 0 || keys[i - 1] != v) m.first[v] = c;
+    const bool begins = i == 0 || keys[i - 1] != v;
+    m.previous[c] = begins ? m.none : values[i - 1];
+    if (begins) m.first[v] = c;
     if (ends) m.last[v] = c;
   }
   if (m.normals == nullptr) return;
@@ -396,6 +411,56 @@ template <class Real, class Index>
 
 }  // namespace detail
 
+namespace detail {
+
+/// Some streams beside the caller's, so that the last meshes of one size do not keep those of the next waiting.
+class SideStreams {
+ public:
+  SideStreams() = default;
+  SideStreams(SideStreams&& other) noexcept { swap(other); }
+  SideStreams& operator=(SideStreams&& other) noexcept {
+    swap(other);
+    return *this;
+  }
+  ~SideStreams() {
+    for (const cudaStream_t s : streams_)
+      if (s != nullptr) (void)cudaStreamDestroy(s);
+    for (const cudaEvent_t e : events_)
+      if (e != nullptr) (void)cudaEventDestroy(e);
+  }
+
+  /// What is enqueued on the streams from now on comes after what is on `stream`.
+  [[nodiscard]] cudaError_t fork(cudaStream_t stream) {
+    for (cudaStream_t& s : streams_)
+      if (s == nullptr) PGL_CUDA_TRY(cudaStreamCreateWithFlags(&s, cudaStreamNonBlocking));
+    for (cudaEvent_t& e : events_)
+      if (e == nullptr) PGL_CUDA_TRY(cudaEventCreateWithFlags(&e, cudaEventDisableTiming));
+    PGL_CUDA_TRY(cudaEventRecord(events_[count], stream));
+    for (const cudaStream_t s : streams_) PGL_CUDA_TRY(cudaStreamWaitEvent(s, events_[count], 0));
+    return cudaSuccess;
+  }
+  cudaStream_t stream(unsigned turn) const { return streams_[turn % count]; }
+  /// What is enqueued on `stream` from now on comes after what is on the streams.
+  [[nodiscard]] cudaError_t join(cudaStream_t stream) {
+    for (unsigned i = 0; i < count; ++i) {
+      PGL_CUDA_TRY(cudaEventRecord(events_[i], streams_[i]));
+      PGL_CUDA_TRY(cudaStreamWaitEvent(stream, events_[i], 0));
+    }
+    return cudaSuccess;
+  }
+
+ private:
+  static constexpr unsigned count = 4;
+  void swap(SideStreams& other) noexcept {
+    std::swap(streams_, other.streams_);
+    std::swap(events_, other.events_);
+  }
+  cudaStream_t streams_[count] = {};
+  cudaEvent_t events_[count + 1] = {};
+};
+
+}  // namespace detail
+
 template <class Real = float>
 class EcolWorkspace;
 
@@ -423,6 +488,7 @@ class EcolWorkspace {
   std::vector<detail::EcolTask> tasks_;
   std::vector<std::uint64_t> offsets_;
   Buffer device_tasks_, memory_;
+  detail::SideStreams side_streams_;
 };
 
 namespace detail {
@@ -534,15 +600,21 @@ cudaError_t build_ecol(std::span<const MeshRange> meshes, const EcolArrays<Index
   }
   Launch warp = launch;
   warp.block_threads = 32;
+  PGL_CUDA_TRY(workspace.side_streams_.fork(launch.stream));
+  std::uint32_t turn = 0;
+  warp.stream = workspace.side_streams_.stream(turn++);
   PGL_CUDA_TRY(run(build_ecol_kernel<Real, std::uint32_t, Index>, offsets.size(), 0, warp, device_tasks + begin[1],
                    begin[2] - begin[1], options, all, workspace.memory_.template at<std::byte>(), device_offsets,
                    min_vertices));
   auto* const in_shared = build_ecol_kernel<Real, std::uint16_t, Index>;
   PGL_CUDA_TRY(cudaFuncSetAttribute(in_shared, cudaFuncAttributeMaxDynamicSharedMemorySize, most_shared));
-  for (std::uint32_t n = 1; n <= 16; ++n)
+  for (std::uint32_t n = 1; n <= 16; ++n) {
+    if (begin[n + 1] == begin[n + 2]) continue;
+    warp.stream = workspace.side_streams_.stream(turn++);
     PGL_CUDA_TRY(run(in_shared, begin[n + 2] - begin[n + 1], limit_of(n), warp, device_tasks + begin[n + 1],
                      begin[n + 2] - begin[n + 1], options, all, nullptr, nullptr, min_vertices));
-  return cudaSuccess;
+  }
+  return workspace.side_streams_.join(launch.stream);
 }
 
 }  // namespace detail

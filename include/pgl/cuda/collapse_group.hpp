@@ -41,8 +41,8 @@ template <class Real, class Id>
 struct CollapseState {
   using Mesh = CollapsingMesh<Real, Id>;
   using Cost = typename Mesh::Cost;
-  static constexpr unsigned fan = 32;             ///< children of a node of the tree
-  static constexpr std::uint32_t scanned = 1024;  ///< so many vertices or nodes are looked through without a tree
+  static constexpr unsigned fan = 8;             ///< children of a node of the tree
+  static constexpr std::uint32_t scanned = 256;  ///< so many vertices or nodes are looked through without a tree
 
   Mesh m;
   Cost* cost = nullptr;  ///< per vertex: its candidate
@@ -83,6 +83,7 @@ struct CollapseState {
     take(s.m.last, vertices);
     take(s.m.corners, std::size_t{3} * triangles);
     take(s.m.next, std::size_t{3} * triangles);
+    take(s.m.previous, std::size_t{3} * triangles);
     take(s.touched, vertices, greedy);
     std::size_t nodes = 0;
     for (std::uint32_t level = vertices; level > scanned; nodes += level) level = (level + fan - 1) / fan;
@@ -101,6 +102,13 @@ PGL_DEVICE T least_of(Group& g, T value) {
     if (other < value) value = other;
   }
   return value;
+}
+
+/// The least candidate of all threads, for all of them.
+template <class Group, class Id>
+PGL_DEVICE Candidate<std::uint32_t, Id> least_of(Group& g, const Candidate<std::uint32_t, Id>& mine) {
+  const std::uint32_t cost = g.least(mine.cost);
+  return {cost, static_cast<Id>(g.least(mine.cost == cost ? std::uint32_t{mine.target} : ~std::uint32_t{0}))};
 }
 
 /// The sum of the values of the threads up to this one.
@@ -224,15 +232,15 @@ PGL_DEVICE Normalisation load_mesh(Group& g, const CollapsingMesh<Real, Id>& m, 
     }
     const std::uint32_t peers = g.match(v) & g.ballot(live), behind = above(g, peers);
     if (live) {
-      if (behind != 0) {
-        m.next[c] = static_cast<Id>(c + lowest_bit(behind) - g.rank());
-      } else {
-        m.next[c] = m.first[v];
-        if (m.first[v] == m.none) m.last[v] = static_cast<Id>(c);
-      }
+      const Id after = behind != 0 ? static_cast<Id>(c + lowest_bit(behind) - g.rank()) : m.first[v];
+      m.next[c] = after;
+      (after == m.none ? m.last[v] : m.previous[after]) = static_cast<Id>(c);
     }
     g.sync();
-    if (live && below(g, peers) == 0) m.first[v] = static_cast<Id>(c);
+    if (live && below(g, peers) == 0) {
+      m.first[v] = static_cast<Id>(c);
+      m.previous[c] = m.none;
+    }
     g.sync();
   }
   if (m.normals != nullptr)
@@ -259,7 +267,7 @@ PGL_DEVICE Id least_below(const CollapseState<Real, Id>& s, const Id* nodes, std
     const Id v = nodes == nullptr ? static_cast<Id>(i) : nodes[i];
     if (v == s.m.none) continue;
     const CandidateOf<Real, Id> c{s.cost[v], v};
-    if (c.cost < best.cost || (c.cost == best.cost && c.target < best.target && s.target[v] != s.m.none)) best = c;
+    if (c.cost < best.cost) best = c;  // upwards: of equal ones the first; one without a candidate has the largest cost
   }
   return best.target;
 }
@@ -302,9 +310,9 @@ PGL_DEVICE Id least_vertex(Group& g, const CollapseState<Real, Id>& s) {
   CandidateOf<Real, Id> best = no_candidate(s.m);
   for (std::uint32_t i = g.rank(); i < size; i += Group::size) {
     const Id v = nodes == nullptr ? static_cast<Id>(i) : nodes[i];
-    if (v == s.m.none || s.target[v] == s.m.none) continue;
+    if (v == s.m.none) continue;
     const CandidateOf<Real, Id> c{s.cost[v], v};
-    if (c < best) best = c;
+    if (c.cost < best.cost) best = c;
   }
   return least_of(g, best).target;
 }
@@ -325,7 +333,7 @@ PGL_DEVICE bool is_valid_collapse(Group& g, const CollapsingMesh<Real, Id>& m, s
 }
 
 /// The vertices around u and v, and both, into s.touched, each once; returns how many. `stamp` differs from step to
-/// step.
+/// step, by at least 2.
 template <class Group, class Real, class Id>
 PGL_DEVICE std::uint32_t find_touched(Group& g, const CollapseState<Real, Id>& s, std::uint32_t u, std::uint32_t v,
                                       std::uint32_t stamp) {
@@ -339,16 +347,54 @@ PGL_DEVICE std::uint32_t find_touched(Group& g, const CollapseState<Real, Id>& s
   append(g.rank() == 0, u);
   append(g.rank() == 0, v);
   for (int end = 0; end < 2; ++end) {
-    for (Id c = s.m.first[end == 0 ? u : v]; c != s.m.none;) {
+    const std::uint32_t centre = end == 0 ? u : v;
+    const bool one_way = (s.m.flags[centre] & s.m.balanced) != 0;
+    for (Id c = s.m.first[centre]; c != s.m.none;) {
       const Id mine = deal(g, s.m, c);
       const bool some = mine != s.m.none;
       const Wedge w = some ? wedge_at(s.m, mine) : Wedge{};
       append(some, w.next);
-      append(some, w.previous);
+      if (!one_way) append(some, w.previous);
     }
   }
   g.sync();
   return count;
+}
+
+/// The cheapest collapse of u behind `after` in the order (null: of all), found by the whole group.
+template <class Group, class Real, class Id>
+PGL_DEVICE CandidateOf<Real, Id> cheapest_collapse(Group& g, const CollapsingMesh<Real, Id>& m, std::uint32_t u,
+                                                   std::uint32_t open, const CandidateOf<Real, Id>* after) {
+  CandidateOf<Real, Id> best = no_candidate(m);
+  for (Id c = m.first[u]; c != m.none;) {
+    const Id mine = deal(g, m, c);
+    if (mine == m.none) continue;
+    const CandidateOf<Real, Id> at = cheapest_at(m, u, open, after, mine);
+    if (at < best) best = at;
+  }
+  return least_of(g, best);
+}
+
+/// Brings the candidates of vertices(0 .. count - 1), each there once, up to date by look(vertex, most): by a thread
+/// each, which leaves those of more than `most` triangles alone and says so; these are the whole group's.
+template <class Group, class Real, class Id, class Vertices, class Look>
+PGL_DEVICE void look_at_all(Group& g, const CollapseState<Real, Id>& s, std::uint32_t count, Vertices&& vertices,
+                            Look&& look) {
+  const CollapsingMesh<Real, Id>& m = s.m;
+  for (std::uint32_t base = 0; base < count; base += Group::size) {
+    const std::uint32_t i = base + g.rank(), u = i < count ? std::uint32_t{vertices(i)} : 0;
+    const bool left_out = i < count && !look(u);
+    for (std::uint32_t mask = g.ballot(left_out); mask != 0; mask &= mask - 1) {
+      const std::uint32_t large = g.shuffle(u, lowest_bit(mask));
+      const CandidateOf<Real, Id> best = cheapest_collapse<Group, Real, Id>(g, m, large, slide_ends(m, large), nullptr);
+      if (g.rank() == 0) {
+        s.cost[large] = best.cost;
+        s.target[large] = best.target;
+        m.flags[large] &= static_cast<std::uint8_t>(~m.rejected);
+      }
+    }
+  }
+  g.sync();
 }
 
 /// Collapses the mesh in the greedy order: ecol and permute_v of the vertices that go, error, and the vertex that took
@@ -357,19 +403,30 @@ template <class Group, class Real, class Id, class Index>
 PGL_DEVICE std::uint32_t collapse_greedily(Group& g, const CollapseState<Real, Id>& s, const Normalisation& n,
                                            const EcolArrays<Index>& a) {
   const CollapsingMesh<Real, Id>& m = s.m;
+  // A vertex of more triangles is the whole group's to look at, so that one thread does not keep the others waiting.
+  const std::uint32_t most = m.options.metric == CostMetric::melax ? 0 : 8;
   const auto look = [&](std::uint32_t u) {
     CandidateOf<Real, Id> best = no_candidate(m);
-    if ((m.flags[u] & m.movable) != 0) best = cheapest_collapse<Real, Id>(m, u, slide_ends(m, u), nullptr);
+    if ((m.flags[u] & m.movable) != 0) {
+      std::uint32_t triangles = 0;
+      for (Id c = m.first[u]; c != m.none && triangles <= most; c = m.next[c]) ++triangles;
+      if (triangles > most) return false;
+      best = cheapest_collapse<Real, Id>(m, u, slide_ends(m, u), nullptr);
+    }
     s.cost[u] = best.cost;
     s.target[u] = best.target;
+    m.flags[u] &= static_cast<std::uint8_t>(~m.rejected);
+    return true;
   };
-  for (std::uint32_t v = g.rank(); v < m.vertices; v += Group::size) {
-    s.mark[v] = ~std::uint32_t{0};
-    look(v);
-  }
-  g.sync();
+  for (std::uint32_t v = g.rank(); v < m.vertices; v += Group::size) s.mark[v] = ~std::uint32_t{0};
+  look_at_all(
+      g, s, m.vertices, [](std::uint32_t i) { return i; }, look);
   update_tree(g, s, m.vertices, [](std::uint32_t i) { return i; });
 
+  // A cost that looks at nothing but the two vertices stays as it is, but for those from v. Melax cost changes all
+  // around u. So most vertices need not look at all of their neighbours again, only at v where it is a new one.
+  const bool costs_stay = m.options.metric != CostMetric::melax;
+  const bool may_slide = m.options.boundary == BoundaryRule::slide;
   std::uint32_t left = m.vertices;
   float worst = 0;
   if (a.error != nullptr && g.rank() == 0) a.error[left] = 0;
@@ -377,31 +434,37 @@ PGL_DEVICE std::uint32_t collapse_greedily(Group& g, const CollapseState<Real, I
     const CandidateOf<Real, Id> candidate{s.cost[u], s.target[u]};
     const std::uint32_t v = candidate.target, open = slide_ends(m, u);
     if (!is_valid_collapse(g, m, u, v, open)) {
-      CandidateOf<Real, Id> best = no_candidate(m);
-      for (Id c = m.first[u]; c != m.none;) {
-        const Id mine = deal(g, m, c);
-        if (mine == m.none) continue;
-        const CandidateOf<Real, Id> at = cheapest_at(m, u, open, &candidate, mine);
-        if (at < best) best = at;
-      }
-      best = least_of(g, best);
+      const CandidateOf<Real, Id> best = cheapest_collapse<Group, Real, Id>(g, m, u, open, &candidate);
       if (g.rank() == 0) {
         s.cost[u] = best.cost;
         s.target[u] = best.target;
+        m.flags[u] |= m.rejected;
       }
       g.sync();
       update_tree(g, s, 1, [&](std::uint32_t) { return std::uint32_t{u}; });
       continue;
     }
 
-    const std::uint32_t touched = find_touched(g, s, u, v, left);
+    const std::uint32_t stamp = 2 * left;
+    const std::uint32_t touched = find_touched(g, s, u, v, stamp);
     for (Id c = m.first[u]; c != m.none;) {
       const Id mine = deal(g, m, c);
-      if (mine != m.none && move_triangle(m, mine, v)) a.permute_t[mine / 3] = u;
+      const Wedge w = mine == m.none ? Wedge{} : wedge_at(m, mine);
+      const bool goes = mine != m.none && (w.next == v || w.previous == v);
+      if (mine != m.none && !goes) {
+        move_triangle(m, mine, v);
+        g.exchange(s.mark + w.next, stamp + 1);  // v is a neighbour now, if it was none
+        g.exchange(s.mark + w.previous, stamp + 1);
+      } else if (goes) {
+        a.permute_t[w.triangle] = u;
+        if (!costs_stay) g.exchange(s.mark + (w.next == v ? w.previous : w.next), stamp + 1);
+      }
+      g.sync();
+      for (std::uint32_t mask = g.ballot(goes); mask != 0; mask &= mask - 1) {  // one after the other: lists are shared
+        if (g.rank() == lowest_bit(mask)) remove_triangle(m, mine);
+        g.sync();
+      }
     }
-    g.sync();
-    for (std::uint32_t i = g.rank(); i < touched; i += Group::size) unlink_gone(m, s.touched[i]);
-    g.sync();
     --left;
     if (g.rank() == 0) {
       const Real distance = join_vertices(m, u, v);
@@ -410,8 +473,23 @@ PGL_DEVICE std::uint32_t collapse_greedily(Group& g, const CollapseState<Real, I
       if (a.error != nullptr) a.error[left] = worst = ieee::max(in_model_units(distance, n), worst);
     }
     g.sync();
-    for (std::uint32_t i = g.rank(); i < touched; i += Group::size) look(s.touched[i]);
-    g.sync();
+    look_at_all(
+        g, s, touched, [&](std::uint32_t i) { return s.touched[i]; },
+        [&](std::uint32_t x) {
+          const std::uint8_t flags = m.flags[x];
+          const bool near_u = s.mark[x] == stamp + 1;
+          const Id target = s.target[x];
+          const bool unsure = (flags & m.rejected) != 0 || target == u || target == v || x == v || x == u;
+          if (unsure || (may_slide && (flags & m.balanced) == 0) || (!costs_stay && near_u)) return look(x);
+          if (near_u && (flags & m.movable) != 0) {
+            const CandidateOf<Real, Id> into_v{cost_key(collapse_cost(m, x, v, false)), static_cast<Id>(v)};
+            if (into_v < CandidateOf<Real, Id>{s.cost[x], target}) {
+              s.cost[x] = into_v.cost;
+              s.target[x] = into_v.target;
+            }
+          }
+          return true;
+        });
     update_tree(g, s, touched, [&](std::uint32_t i) { return std::uint32_t{s.touched[i]}; });
   }
   return left;

@@ -198,7 +198,7 @@ class EcolWorkspace {
     std::vector<Vector<Real>> positions, normals;
     std::vector<Quadric<Real>> quadrics;
     std::vector<Real> weights;
-    std::vector<std::uint32_t> first, last, corners, next;
+    std::vector<std::uint32_t> first, last, corners, next, previous;
     std::vector<std::uint8_t> flags, stale;
     std::vector<CandidateOf<Real, std::uint32_t>> least;
     std::vector<std::uint64_t> claims;
@@ -677,6 +677,7 @@ class Rounds {
     m_.flags = room(w_.flags, vertices);
     m_.corners = room(w_.corners, 3 * triangles.size());
     m_.next = room(w_.next, 3 * triangles.size());
+    m_.previous = room(w_.previous, 3 * triangles.size());
     m_.normals = room(w_.normals, triangles.size(), options.metric == CostMetric::melax);
     room(w_.stale, vertices);
     room(w_.least, vertices);
@@ -699,8 +700,10 @@ class Rounds {
         const std::uint32_t corner = 3 * t + c;
         m_.corners[corner] = degenerate ? Mesh::none : std::uint32_t{v[c]};
         if (degenerate) continue;
-        m_.next[corner] = m_.first[v[c]];
-        if (m_.first[v[c]] == Mesh::none) m_.last[v[c]] = corner;
+        const std::uint32_t after = m_.first[v[c]];
+        m_.next[corner] = after;
+        m_.previous[corner] = Mesh::none;
+        (after == Mesh::none ? m_.last[v[c]] : m_.previous[after]) = corner;
         m_.first[v[c]] = corner;
       }
     }
