@@ -1,8 +1,9 @@
-"""scripts/performance.py, scripts/gpu and gpu_bench as their users meet them, without a GPU."""
+"""scripts/performance.py, scripts/gpu, scripts/mutants and gpu_bench as their users meet them, without a GPU."""
 
 import json
 import os
 import pathlib
+import runpy
 import subprocess
 import sys
 import tempfile
@@ -85,27 +86,46 @@ class Page(unittest.TestCase):
 
 
 class WithoutGpu(unittest.TestCase):
-    def gpu(self, *steps, smi):
+    def script(self, name, *arguments, smi):
         with tempfile.TemporaryDirectory() as folder:
             fake = pathlib.Path(folder, "nvidia-smi")
             fake.write_text(smi)
             fake.chmod(0o755)
             environment = os.environ | {"PATH": folder + ":" + os.environ["PATH"]}
-            return call([str(ROOT / "scripts" / "gpu"), *steps], env=environment)
+            return call([str(ROOT / "scripts" / name), *arguments], env=environment)
 
     def test_scripts_gpu_says_so_in_one_line_and_fails(self):
         for smi in ("#!/bin/sh\necho 'NVIDIA-SMI has failed'\nexit 9\n", "#!/bin/sh\nexit 0\n"):
             for steps in ([], ["bench"]):
-                run = self.gpu(*steps, smi=smi)
+                run = self.script("gpu", *steps, smi=smi)
                 self.assertEqual(run.returncode, 1)
                 self.assertEqual(run.stdout, "")
                 self.assertEqual(run.stderr.count("\n"), 1)
                 self.assertIn("no NVIDIA GPU here", run.stderr)
 
     def test_scripts_gpu_knows_its_steps(self):
-        run = self.gpu("tests", smi="#!/bin/sh\nexit 9\n")
+        run = self.script("gpu", "tests", smi="#!/bin/sh\nexit 9\n")
         self.assertEqual(run.returncode, 2)
         self.assertIn("unknown step 'tests'", run.stderr)
+
+    def test_scripts_mutants_says_so_in_one_line_and_fails(self):
+        run = self.script("mutants", smi="#!/bin/sh\necho 'NVIDIA-SMI has failed'\nexit 9\n")
+        self.assertEqual(run.returncode, 1)
+        self.assertEqual(run.stdout, "")
+        self.assertRegex(run.stderr, r"^mutants: (no NVIDIA GPU here|nvcc is missing); nothing was tried\n$")
+
+    def test_scripts_mutants_knows_its_names(self):
+        run = self.script("mutants", "chain", "chian", smi="#!/bin/sh\nexit 9\n")
+        self.assertEqual(run.returncode, 2)
+        self.assertIn("no chian;", run.stderr)
+
+    def test_scripts_mutants_is_up_to_date(self):
+        mutants = runpy.run_path(str(ROOT / "scripts" / "mutants"))["MUTANTS"]
+        self.assertGreater(len(mutants), 0)
+        for name, header, old, new, test, _ in mutants:
+            self.assertTrue(old in (ROOT / "include" / "pgl" / header).read_text(), f"{name} is not in {header}")
+            self.assertNotEqual(old, new, name)
+            self.assertTrue((ROOT / "tests" / "twin" / f"{test}.cu").exists(), name)
 
 
 @unittest.skipUnless("PGL_GPU_BENCH_PROGRAM" in os.environ, "gpu_bench is not built")
