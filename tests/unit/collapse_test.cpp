@@ -28,7 +28,10 @@ class Plain {
   using Candidate = pgl::CandidateOf<Real, Id>;
 
   Plain(const TriangleMesh& mesh, std::span<const std::uint8_t> locked, const EcolOptions& options)
-      : vertices_(mesh.vertex_count()), corners_(3 * mesh.triangles.size()), next_(corners_.size()) {
+      : vertices_(mesh.vertex_count()),
+        corners_(3 * mesh.triangles.size()),
+        next_(corners_.size()),
+        previous_(corners_.size()) {
     pgl::Box box;
     for (const glm::vec3& p : mesh.positions) box = pgl::extend(box, p);
     frame_ = pgl::normalisation(box);
@@ -39,17 +42,26 @@ class Plain {
     quadrics_.resize(vertices_);
     weights_.resize(vertices_);
     normals_.resize(mesh.triangles.size());
-    m_ = {
-        vertices_,         mesh.triangle_count(), options,
-        positions_.data(), quadrics_.data(),      weights_.data(),
-        first_.data(),     last_.data(),          flags_.data(),
-        corners_.data(),   next_.data(),          options.metric == pgl::CostMetric::melax ? normals_.data() : nullptr};
+    m_.vertices = vertices_;
+    m_.triangles = mesh.triangle_count();
+    m_.options = options;
+    m_.positions = positions_.data();
+    m_.quadrics = quadrics_.data();
+    m_.weights = weights_.data();
+    m_.first = first_.data();
+    m_.last = last_.data();
+    m_.flags = flags_.data();
+    m_.corners = corners_.data();
+    m_.next = next_.data();
+    m_.previous = previous_.data();
+    if (options.metric == pgl::CostMetric::melax) m_.normals = normals_.data();
     for (std::uint32_t t = 0; t < mesh.triangle_count(); ++t)
       for (std::uint32_t c = 0; c < 3; ++c) {
         const std::uint32_t corner = 3 * t + c, v = mesh.triangles[t].v[c];
         corners_[corner] = is_degenerate(mesh.triangles[t]) ? Mesh::none : static_cast<Id>(v);
         if (is_degenerate(mesh.triangles[t])) continue;
         (first_[v] == Mesh::none ? first_[v] : next_[last_[v]]) = static_cast<Id>(corner);
+        previous_[corner] = last_[v];
         last_[v] = static_cast<Id>(corner);
         next_[corner] = Mesh::none;
       }
@@ -148,7 +160,7 @@ class Plain {
   std::vector<pgl::Vector<Real>> positions_, normals_;
   std::vector<pgl::Quadric<Real>> quadrics_;
   std::vector<Real> weights_;
-  std::vector<Id> first_, last_, corners_, next_;
+  std::vector<Id> first_, last_, corners_, next_, previous_;
   std::vector<std::uint8_t> flags_;
   std::vector<std::uint32_t> degenerate_;
   Mesh m_;
