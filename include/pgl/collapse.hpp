@@ -183,43 +183,57 @@ PGL_HD Real collapse_cost(const CollapsingMesh<Real, Id>& m, std::uint32_t u, st
   return melax_cost(l, curvature);
 }
 
-/// Whether u, an end of `open` open edges, may merge into its neighbour v as far as the triangle at corner `of_v` of v
-/// tells: the two vertices of it besides v keep their open edges with v, and by option their topology (see build_ecol).
-template <class Real, class Id>
-PGL_HD bool keeps_surface(const CollapsingMesh<Real, Id>& m, std::uint32_t u, std::uint32_t v, std::uint32_t open,
-                          std::uint32_t of_v) {
-  const bool link = m.options.link_condition;
-  const Wedge w = wedge_at(m, of_v);
-  const std::uint32_t end[2] = {w.next, w.previous};
-  std::uint32_t uses[2] = {}, thirds[2] = {};
-  for (Id c = m.first[u]; c != m.none; c = m.next[c]) {
-    const Wedge of_u = wedge_at(m, c);
-    const bool on_edge = of_u.next == v || of_u.previous == v;
-    const bool same[2] = {of_u.next == end[0] || of_u.previous == end[0],
-                          of_u.next == end[1] || of_u.previous == end[1]};
-    if (link && same[0] && same[1]) return false;  // two triangles would fall together
-    for (int k = 0; k < 2; ++k) {
-      uses[k] += same[k];
-      thirds[k] += same[k] && on_edge;
-    }
-  }
+/// What the triangles of u tell of the two other vertices of one triangle of v, before u merges into v.
+struct SurfaceFacts {
+  std::uint32_t uses[2] = {};    ///< triangles of u that contain them
+  std::uint32_t thirds[2] = {};  ///< those of these that contain v
+  bool together = false;         ///< a triangle of u contains both: the two would fall together
+};
+PGL_HD inline void add_facts(SurfaceFacts& facts, const Wedge& of_v, const Wedge& of_u, std::uint32_t v) {
+  const bool on_edge = of_u.next == v || of_u.previous == v;
+  const bool same[2] = {of_u.next == of_v.next || of_u.previous == of_v.next,
+                        of_u.next == of_v.previous || of_u.previous == of_v.previous};
   for (int k = 0; k < 2; ++k) {
-    if (uses[k] == 0) continue;
-    if (link && thirds[k] == 0) return false;
-    const std::uint32_t uses_v = edge_uses(m, v, end[k]);
-    if (open != 0 && uses[k] == 1 && uses_v == 1) return false;
-    if (!keeps_open_edges(uses_v, uses[k], thirds[k], open != 0)) return false;
+    facts.uses[k] += same[k];
+    facts.thirds[k] += same[k] && on_edge;
+  }
+  facts.together = facts.together || (same[0] && same[1]);
+}
+
+/// Whether u, an end of `open` open edges, may merge into its neighbour v as far as these facts of one triangle of v
+/// tell: by option the topology stays, and so do the open edges (see build_ecol). uses_v: how many triangles of v
+/// contain each of the two vertices; only looked at where u has triangles with it.
+PGL_HD constexpr bool keeps_surface(const SurfaceFacts& facts, const std::uint32_t* uses_v, std::uint32_t open,
+                                    bool link_condition) {
+  if (link_condition && facts.together) return false;
+  for (int k = 0; k < 2; ++k) {
+    const std::uint32_t uses = facts.uses[k], thirds = facts.thirds[k];
+    if (uses == 0) continue;
+    if (link_condition && thirds == 0) return false;
+    if (open != 0 && uses == 1 && uses_v[k] == 1) return false;
+    if (!keeps_open_edges(uses_v[k], uses, thirds, open != 0)) return false;
   }
   return true;
 }
 
-/// Whether the triangle at corner `of_u` of u keeps its facing when u merges into v, or goes with it.
+/// The same of the triangle at corner `of_v` of v, its facts gathered.
 template <class Real, class Id>
-PGL_HD bool keeps_facing(const CollapsingMesh<Real, Id>& m, std::uint32_t u, std::uint32_t v, std::uint32_t of_u) {
-  const Wedge w = wedge_at(m, of_u);
-  if (!m.options.flip_guard || w.next == v || w.previous == v) return true;
+PGL_HD bool keeps_surface(const CollapsingMesh<Real, Id>& m, std::uint32_t u, std::uint32_t v, std::uint32_t open,
+                          std::uint32_t of_v) {
+  const Wedge w = wedge_at(m, of_v);
+  SurfaceFacts facts;
+  for (Id c = m.first[u]; c != m.none; c = m.next[c]) add_facts(facts, w, wedge_at(m, c), v);
+  const std::uint32_t uses_v[2] = {facts.uses[0] == 0 ? 0 : edge_uses(m, v, w.next),
+                                   facts.uses[1] == 0 ? 0 : edge_uses(m, v, w.previous)};
+  return keeps_surface(facts, uses_v, open, m.options.link_condition);
+}
+
+/// Whether a triangle of u keeps its facing when u merges into v, or goes with it.
+template <class Real, class Id>
+PGL_HD bool keeps_facing(const CollapsingMesh<Real, Id>& m, std::uint32_t u, std::uint32_t v, const Wedge& of_u) {
+  if (!m.options.flip_guard || of_u.next == v || of_u.previous == v) return true;
   const auto wide = [&](std::uint32_t x) { return Vector<double>(m.positions[x]); };
-  return !flips(wide(w.next), wide(w.previous), wide(u), wide(v));
+  return !flips(wide(of_u.next), wide(of_u.previous), wide(u), wide(v));
 }
 
 /// A vertex's collapse: what it costs, and into whom. No target: there is none; its cost is then the largest integer.
@@ -248,21 +262,20 @@ PGL_HD std::uint32_t slide_ends(const CollapsingMesh<Real, Id>& m, std::uint32_t
   return may_slide ? open_edges(m, u) : 0;
 }
 
-/// Of the collapses of u into the two vertices beside it in the triangle at its corner `of_u`, the cheaper one, valid
-/// or not, but for those that the boundary rule never allows; with `after`, only those behind that one in the order.
-/// u may move, and `open` is its slide_ends.
+/// Of the collapses of u into the two vertices beside it in a triangle, the cheaper one, valid or not, but for those
+/// that the boundary rule never allows; with `after`, only those behind that one in the order. u may move, and `open`
+/// is its slide_ends.
 template <class Real, class Id>
 PGL_HD CandidateOf<Real, Id> cheapest_at(const CollapsingMesh<Real, Id>& m, std::uint32_t u, std::uint32_t open,
-                                         const CandidateOf<Real, Id>* after, std::uint32_t of_u) {
+                                         const CandidateOf<Real, Id>* after, const Wedge& of_u) {
   CandidateOf<Real, Id> best = no_candidate(m);
   const auto consider = [&](std::uint32_t x) {
     if (open != 0 && (open != 2 || edge_uses(m, u, x) != 1)) return;
     const CandidateOf<Real, Id> candidate{cost_key(collapse_cost(m, u, x, open != 0)), static_cast<Id>(x)};
     if (candidate < best && (after == nullptr || *after < candidate)) best = candidate;
   };
-  const Wedge w = wedge_at(m, of_u);
-  consider(w.next);
-  if ((m.flags[u] & m.balanced) == 0) consider(w.previous);
+  consider(of_u.next);
+  if ((m.flags[u] & m.balanced) == 0) consider(of_u.previous);
   return best;
 }
 
@@ -272,7 +285,7 @@ PGL_HD CandidateOf<Real, Id> cheapest_collapse(const CollapsingMesh<Real, Id>& m
                                                const CandidateOf<Real, Id>* after) {
   CandidateOf<Real, Id> best = no_candidate(m);
   for (Id c = m.first[u]; c != m.none; c = m.next[c]) {
-    const CandidateOf<Real, Id> at = cheapest_at(m, u, open, after, c);
+    const CandidateOf<Real, Id> at = cheapest_at(m, u, open, after, wedge_at(m, c));
     if (at < best) best = at;
   }
   return best;
@@ -290,7 +303,7 @@ PGL_HD CandidateOf<Real, Id> least_collapse(const CollapsingMesh<Real, Id>& m, s
     const std::uint32_t v = best.target;
     bool valid = true;
     for (Id c = m.first[v]; valid && c != m.none; c = m.next[c]) valid = keeps_surface(m, u, v, open, c);
-    for (Id c = m.first[u]; valid && c != m.none; c = m.next[c]) valid = keeps_facing(m, u, v, c);
+    for (Id c = m.first[u]; valid && c != m.none; c = m.next[c]) valid = keeps_facing(m, u, v, wedge_at(m, c));
     if (valid) return best;
     const CandidateOf<Real, Id> floor = best;
     best = cheapest_collapse<Real, Id>(m, u, open, &floor);
@@ -354,8 +367,8 @@ PGL_HD Real join_vertices(const CollapsingMesh<Real, Id>& m, std::uint32_t u, st
 // A round looks at the least valid collapse of every vertex that costs at most the round's limit. One is performed if
 // no lesser one (by cost, then by the vertex that goes) reaches any vertex of its region, which is all that it reads or
 // changes: u, v and their neighbours. So those of one round do not touch each other, and count as performed in the
-// order of the vertices that go. When no vertex has one within the limit, the limit rises to the next power of two: a
-// collapse is never performed while another one costs less than half as much.
+// order of the vertices that go. When no vertex has one within the limit, the limit rises to the next power of two
+// above the least collapse left.
 
 /// The limit of the coming rounds when the least collapse left costs `least`: all that have its binary exponent.
 PGL_HD constexpr std::uint32_t round_limit(std::uint32_t least) {

@@ -183,8 +183,8 @@ TEST(CollapseGroup, ManyThreadsDoTheHostsRounds) {
   group_equals_host<4>(pgl::EcolOrder::rounds, 30);
 }
 TEST(CollapseGroup, AWarpOfThreadsDoesBothAsTheHostDoes) {
-  group_equals_host<32>(pgl::EcolOrder::greedy, 3);
-  group_equals_host<32>(pgl::EcolOrder::rounds, 3);
+  group_equals_host<32>(pgl::EcolOrder::greedy, 8);
+  group_equals_host<32>(pgl::EcolOrder::rounds, 8);
 }
 
 TEST(CollapseGroup, NothingComesOfNothing) {

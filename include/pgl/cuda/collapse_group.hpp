@@ -317,25 +317,81 @@ PGL_DEVICE Id least_vertex(Group& g, const CollapseState<Real, Id>& s) {
   return least_of(g, best).target;
 }
 
+/// The triangles of a vertex, as long as they are no more than the threads of the group: one each.
+template <class Id>
+struct Ring {
+  Id corner;      ///< none for a thread without a triangle
+  Wedge wedge;    ///< of one without a triangle: no vertex at all
+  unsigned size;  ///< more than the group has threads: there are more, and the ring holds nothing
+};
+template <class Group, class Real, class Id>
+PGL_DEVICE Ring<Id> ring_of(const Group& g, const CollapsingMesh<Real, Id>& m, std::uint32_t x) {
+  Id c = m.first[x];
+  Ring<Id> ring{deal(g, m, c), {m.none, m.none, m.none}, Group::size + 1};
+  if (c != m.none) return ring;
+  if (ring.corner != m.none) ring.wedge = wedge_at(m, ring.corner);
+  ring.size = count_bits(g.ballot(ring.corner != m.none));
+  return ring;
+}
+
+/// Calls body(corner, wedge) on all threads, with each triangle of x on one of them and none on the others, as often as
+/// it takes. `ring` is x's.
+template <class Group, class Real, class Id, class Body>
+PGL_DEVICE void for_ring(const Group& g, const CollapsingMesh<Real, Id>& m, std::uint32_t x, const Ring<Id>& ring,
+                         Body&& body) {
+  if (ring.size <= Group::size) {
+    body(ring.corner, ring.wedge);
+    return;
+  }
+  for (Id c = m.first[x]; c != m.none;) {
+    const Id mine = deal(g, m, c);
+    body(mine, mine == m.none ? Wedge{m.none, m.none, m.none} : wedge_at(m, mine));
+  }
+}
+
+/// The two other vertices of thread i's triangle in a ring.
+template <class Group, class Id>
+PGL_DEVICE Wedge ends_of(const Group& g, const Ring<Id>& ring, unsigned i) {
+  struct Ends {
+    Id next, previous;
+  };
+  const Ends ends = g.shuffle(Ends{static_cast<Id>(ring.wedge.next), static_cast<Id>(ring.wedge.previous)}, i);
+  return {0, ends.next, ends.previous};
+}
+
 /// Whether u may merge into v now; see build_ecol.
 template <class Group, class Real, class Id>
-PGL_DEVICE bool is_valid_collapse(Group& g, const CollapsingMesh<Real, Id>& m, std::uint32_t u, std::uint32_t v,
+PGL_DEVICE bool is_valid_collapse(const Group& g, const CollapsingMesh<Real, Id>& m, std::uint32_t u,
+                                  const Ring<Id>& around_u, std::uint32_t v, const Ring<Id>& around_v,
                                   std::uint32_t open) {
-  for (Id c = m.first[v]; c != m.none;) {
-    const Id mine = deal(g, m, c);
-    if (g.ballot(mine != m.none && !keeps_surface(m, u, v, open, mine)) != 0) return false;
+  if (around_u.size <= Group::size && around_v.size <= Group::size) {
+    SurfaceFacts facts;
+    for (unsigned i = 0; i < around_u.size; ++i) add_facts(facts, around_v.wedge, ends_of(g, around_u, i), v);
+    std::uint32_t uses_v[2] = {};
+    for (unsigned i = 0; i < around_v.size; ++i) {
+      const Wedge w = ends_of(g, around_v, i);
+      uses_v[0] += (w.next == around_v.wedge.next) + (w.previous == around_v.wedge.next);
+      uses_v[1] += (w.next == around_v.wedge.previous) + (w.previous == around_v.wedge.previous);
+    }
+    const bool breaks = around_v.corner != m.none && !keeps_surface(facts, uses_v, open, m.options.link_condition);
+    if (g.ballot(breaks) != 0) return false;
+  } else {
+    for (Id c = m.first[v]; c != m.none;) {
+      const Id mine = deal(g, m, c);
+      if (g.ballot(mine != m.none && !keeps_surface(m, u, v, open, mine)) != 0) return false;
+    }
   }
-  for (Id c = m.first[u]; c != m.none;) {
-    const Id mine = deal(g, m, c);
-    if (g.ballot(mine != m.none && !keeps_facing(m, u, v, mine)) != 0) return false;
-  }
-  return true;
+  bool flips = false;
+  for_ring(g, m, u, around_u,
+           [&](Id corner, const Wedge& w) { flips = flips || (corner != m.none && !keeps_facing(m, u, v, w)); });
+  return g.ballot(flips) == 0;
 }
 
 /// The vertices around u and v, and both, into s.touched, each once; returns how many. `stamp` differs from step to
 /// step, by at least 2.
 template <class Group, class Real, class Id>
-PGL_DEVICE std::uint32_t find_touched(Group& g, const CollapseState<Real, Id>& s, std::uint32_t u, std::uint32_t v,
+PGL_DEVICE std::uint32_t find_touched(Group& g, const CollapseState<Real, Id>& s, std::uint32_t u,
+                                      const Ring<Id>& around_u, std::uint32_t v, const Ring<Id>& around_v,
                                       std::uint32_t stamp) {
   std::uint32_t count = 0;
   const auto append = [&](bool wanted, std::uint32_t x) {
@@ -349,13 +405,10 @@ PGL_DEVICE std::uint32_t find_touched(Group& g, const CollapseState<Real, Id>& s
   for (int end = 0; end < 2; ++end) {
     const std::uint32_t centre = end == 0 ? u : v;
     const bool one_way = (s.m.flags[centre] & s.m.balanced) != 0;
-    for (Id c = s.m.first[centre]; c != s.m.none;) {
-      const Id mine = deal(g, s.m, c);
-      const bool some = mine != s.m.none;
-      const Wedge w = some ? wedge_at(s.m, mine) : Wedge{};
-      append(some, w.next);
-      if (!one_way) append(some, w.previous);
-    }
+    for_ring(g, s.m, centre, end == 0 ? around_u : around_v, [&](Id corner, const Wedge& w) {
+      append(corner != s.m.none, w.next);
+      if (!one_way) append(corner != s.m.none, w.previous);
+    });
   }
   g.sync();
   return count;
@@ -364,14 +417,14 @@ PGL_DEVICE std::uint32_t find_touched(Group& g, const CollapseState<Real, Id>& s
 /// The cheapest collapse of u behind `after` in the order (null: of all), found by the whole group.
 template <class Group, class Real, class Id>
 PGL_DEVICE CandidateOf<Real, Id> cheapest_collapse(Group& g, const CollapsingMesh<Real, Id>& m, std::uint32_t u,
-                                                   std::uint32_t open, const CandidateOf<Real, Id>* after) {
+                                                   const Ring<Id>& around_u, std::uint32_t open,
+                                                   const CandidateOf<Real, Id>* after) {
   CandidateOf<Real, Id> best = no_candidate(m);
-  for (Id c = m.first[u]; c != m.none;) {
-    const Id mine = deal(g, m, c);
-    if (mine == m.none) continue;
-    const CandidateOf<Real, Id> at = cheapest_at(m, u, open, after, mine);
+  for_ring(g, m, u, around_u, [&](Id corner, const Wedge& w) {
+    if (corner == m.none) return;
+    const CandidateOf<Real, Id> at = cheapest_at(m, u, open, after, w);
     if (at < best) best = at;
-  }
+  });
   return least_of(g, best);
 }
 
@@ -386,7 +439,8 @@ PGL_DEVICE void look_at_all(Group& g, const CollapseState<Real, Id>& s, std::uin
     const bool left_out = i < count && !look(u);
     for (std::uint32_t mask = g.ballot(left_out); mask != 0; mask &= mask - 1) {
       const std::uint32_t large = g.shuffle(u, lowest_bit(mask));
-      const CandidateOf<Real, Id> best = cheapest_collapse<Group, Real, Id>(g, m, large, slide_ends(m, large), nullptr);
+      const CandidateOf<Real, Id> best =
+          cheapest_collapse<Group, Real, Id>(g, m, large, ring_of(g, m, large), slide_ends(m, large), nullptr);
       if (g.rank() == 0) {
         s.cost[large] = best.cost;
         s.target[large] = best.target;
@@ -433,8 +487,9 @@ PGL_DEVICE std::uint32_t collapse_greedily(Group& g, const CollapseState<Real, I
   for (Id u = least_vertex(g, s); u != m.none; u = least_vertex(g, s)) {
     const CandidateOf<Real, Id> candidate{s.cost[u], s.target[u]};
     const std::uint32_t v = candidate.target, open = slide_ends(m, u);
-    if (!is_valid_collapse(g, m, u, v, open)) {
-      const CandidateOf<Real, Id> best = cheapest_collapse<Group, Real, Id>(g, m, u, open, &candidate);
+    const Ring<Id> around_u = ring_of(g, m, u), around_v = ring_of(g, m, v);
+    if (!is_valid_collapse(g, m, u, around_u, v, around_v, open)) {
+      const CandidateOf<Real, Id> best = cheapest_collapse<Group, Real, Id>(g, m, u, around_u, open, &candidate);
       if (g.rank() == 0) {
         s.cost[u] = best.cost;
         s.target[u] = best.target;
@@ -446,13 +501,11 @@ PGL_DEVICE std::uint32_t collapse_greedily(Group& g, const CollapseState<Real, I
     }
 
     const std::uint32_t stamp = 2 * left;
-    const std::uint32_t touched = find_touched(g, s, u, v, stamp);
-    for (Id c = m.first[u]; c != m.none;) {
-      const Id mine = deal(g, m, c);
-      const Wedge w = mine == m.none ? Wedge{} : wedge_at(m, mine);
-      const bool goes = mine != m.none && (w.next == v || w.previous == v);
-      if (mine != m.none && !goes) {
-        move_triangle(m, mine, v);
+    const std::uint32_t touched = find_touched(g, s, u, around_u, v, around_v, stamp);
+    for_ring(g, m, u, around_u, [&](Id corner, const Wedge& w) {
+      const bool goes = corner != m.none && (w.next == v || w.previous == v);
+      if (corner != m.none && !goes) {
+        move_triangle(m, corner, v);
         g.exchange(s.mark + w.next, stamp + 1);  // v is a neighbour now, if it was none
         g.exchange(s.mark + w.previous, stamp + 1);
       } else if (goes) {
@@ -461,10 +514,10 @@ PGL_DEVICE std::uint32_t collapse_greedily(Group& g, const CollapseState<Real, I
       }
       g.sync();
       for (std::uint32_t mask = g.ballot(goes); mask != 0; mask &= mask - 1) {  // one after the other: lists are shared
-        if (g.rank() == lowest_bit(mask)) remove_triangle(m, mine);
+        if (g.rank() == lowest_bit(mask)) remove_triangle(m, corner);
         g.sync();
       }
-    }
+    });
     --left;
     if (g.rank() == 0) {
       const Real distance = join_vertices(m, u, v);
