@@ -56,7 +56,8 @@ __global__ void __launch_bounds__(1024)
     const std::uint64_t hi = origin + tile < total ? origin + tile : total;
     if (lo >= hi) continue;
     detail::for_each_group<rows>(
-        offsets, size, origin, lo, hi, area.heads, [&](const detail::TilePart& part, unsigned first, unsigned last) {
+        offsets, size, detail::object_at(offsets, 0, size, lo), origin, lo, hi, area.heads,
+        [&](const detail::TilePart& part, unsigned first, unsigned last) {
           if (part.size != 0) {
             detail::prefetch(&objects[part.object].transform[1]);
             detail::prefetch(&objects[part.object].transform[3].z);

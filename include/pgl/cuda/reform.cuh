@@ -124,12 +124,39 @@ __device__ void fill_table(const Index* ecol, std::uint32_t count, std::uint32_t
   }
 }
 
+/// Notes for every tile of the output which object holds its first triangle: a search by each tile would read more than
+/// the tile itself. A thread per object; a warp together where one has many tiles.
+template <class Index>
+__global__ void tiles_kernel(Scene<Index> scene, detail::TileStart start, unsigned tile, std::uint32_t* first_objects) {
+  const std::uint64_t i = std::uint64_t{blockIdx.x} * blockDim.x + threadIdx.x;
+  std::uint64_t first = 0, last = 0;  // tiles
+  if (i < scene.size) {
+    const std::uint64_t begin = scene.triangle_offsets[i], end = scene.triangle_offsets[i + 1];
+    if (begin < end) {
+      first = begin == 0 ? 0 : (begin + start.lead + tile - 1) / tile;
+      last = (end + start.lead + tile - 1) / tile;
+    }
+  }
+  constexpr std::uint64_t few = 4;
+  if (last - first <= few)
+    for (std::uint64_t j = first; j < last; ++j) first_objects[j] = static_cast<std::uint32_t>(i);
+  for (unsigned many = __ballot_sync(detail::whole_warp, last - first > few); many != 0; many &= many - 1) {
+    const int lane = __ffs(static_cast<int>(many)) - 1;
+    const std::uint64_t from = __shfl_sync(detail::whole_warp, first, lane);
+    const std::uint64_t to = __shfl_sync(detail::whole_warp, last, lane);
+    const std::uint64_t object = __shfl_sync(detail::whole_warp, i, lane);
+    for (std::uint64_t j = from + detail::lane_index(); j < to; j += 32)
+      first_objects[j] = static_cast<std::uint32_t>(object);
+  }
+}
+
 /// Each warp takes tiles of the output: finds their objects, one per lane, copies the collapses that they may need to
 /// shared memory, and gives each lane a triangle of every row.
 template <class Tune, class OutIndex, class Index>
 __global__ void __launch_bounds__(1024)
     reform_kernel(Scene<Index> scene, Postponed<Index> postponed, Triangle<OutIndex>* out,
-                  [[maybe_unused]] std::uint64_t out_size, detail::TileStart start, unsigned area_bytes) {
+                  [[maybe_unused]] std::uint64_t out_size, detail::TileStart start, const std::uint32_t* first_objects,
+                  unsigned area_bytes) {
   static_assert(Tune::rows >= 1 && Tune::rows <= 4);
   constexpr unsigned tile = 32 * Tune::rows;
   extern __shared__ uint4 pgl_shared_memory[];
@@ -149,7 +176,7 @@ __global__ void __launch_bounds__(1024)
     const std::uint64_t hi = origin + tile < total ? origin + tile : total;
     if (lo >= hi) continue;
     detail::for_each_group<Tune::rows>(
-        scene.triangle_offsets, scene.size, origin, lo, hi, heads,
+        scene.triangle_offsets, scene.size, first_objects[j], origin, lo, hi, heads,
         [&](const detail::TilePart& part, unsigned first, unsigned last) {
           // What the lane's object is, and how much of ecol it is worth to copy, in units of 16 bytes.
           Shown<Index> mine{};
@@ -355,12 +382,14 @@ template <class Index>
 struct Scratch {
   One* one;
   Postponed<Index> postponed;
-  std::size_t zeroed;  // bytes from postponed.size on
+  std::uint32_t* first_objects;  // per tile
+  std::size_t zeroed;            // bytes from postponed.size on
   std::size_t bytes;
 
-  Scratch(void* memory, std::size_t objects, std::uint64_t largest_mesh) {
+  Scratch(void* memory, std::size_t objects, std::uint64_t largest_mesh, std::uint64_t triangles) {
     detail::Parts parts(memory);
     one = parts.take<One>(1);
+    first_objects = parts.take<std::uint32_t>(triangles / 32 + 2);  // the smallest tile
     zeroed = (1 + (objects + 31) / 32) * sizeof(std::uint32_t);
     postponed.size = parts.take<std::uint32_t>(zeroed / sizeof(std::uint32_t));
     postponed.marks = memory == nullptr ? nullptr : postponed.size + 1;
@@ -373,18 +402,20 @@ struct Scratch {
 
 }  // namespace reform_detail
 
-/// Scratch of reform on the device: 4 bytes and a bit per object, and an Index for each vertex of the largest mesh, for
-/// at least 2^22. It only grows, and a warm call allocates nothing; its contents on entry do not matter.
+/// Scratch of reform on the device: 4 bytes and a bit per object, an Index per vertex of the largest mesh, of which at
+/// least 2^22, and a bit per triangle of the output. It only grows, and a warm call allocates nothing; its contents on
+/// entry do not matter.
 template <class Index>
 struct ReformWorkspace {
   Buffer buffer;
   std::uint32_t largest_mesh = 0;  ///< the most vertices that a mesh may have; 0: as many as ecol
 
-  /// Makes room for scenes of up to so many objects and meshes of up to so many vertices. To be called before the first
-  /// call is captured; without it, a call makes room for a mesh with all vertices there are.
-  [[nodiscard]] cudaError_t reserve(std::size_t objects, std::uint32_t most_vertices) {
+  /// Makes room for scenes of up to so many objects, meshes of up to so many vertices, and so many triangles of output.
+  /// To be called before the first call is captured; without it, a call makes room for a mesh with all vertices there
+  /// are.
+  [[nodiscard]] cudaError_t reserve(std::size_t objects, std::uint32_t most_vertices, std::uint64_t triangles = 0) {
     largest_mesh = std::max(largest_mesh, most_vertices);
-    return buffer.reserve(reform_detail::Scratch<Index>(nullptr, objects, largest_mesh).bytes);
+    return buffer.reserve(reform_detail::Scratch<Index>(nullptr, objects, largest_mesh, triangles).bytes);
   }
 };
 
@@ -403,8 +434,8 @@ template <class Tune, class OutIndex, class Index>
                                  std::span<Triangle<OutIndex>> out, Launch launch, const One* one = nullptr) {
   if (scene.size == 0 || out.empty()) return cudaSuccess;
   const std::uint64_t largest = largest_mesh(workspace, scene.ecol_size);
-  PGL_CUDA_TRY(workspace.buffer.reserve(Scratch<Index>(nullptr, scene.size, largest).bytes));
-  const Scratch<Index> scratch(workspace.buffer.template at<std::byte>(), scene.size, largest);
+  PGL_CUDA_TRY(workspace.buffer.reserve(Scratch<Index>(nullptr, scene.size, largest, out.size()).bytes));
+  const Scratch<Index> scratch(workspace.buffer.template at<std::byte>(), scene.size, largest, out.size());
   if (one != nullptr) {
     PGL_CUDA_TRY(detail::run(put_kernel<One>, 1, 0, launch, *one, scratch.one));
     scene.meshes = &scratch.one->mesh;
@@ -424,10 +455,12 @@ template <class Tune, class OutIndex, class Index>
   const detail::TileStart start = detail::tile_start(out.data());
   const auto kernel = reform_kernel<Tune, OutIndex, Index>;
   const std::uint64_t tiles = (out.size() + start.lead + 32 * Tune::rows - 1) / (32 * Tune::rows);
+  PGL_CUDA_TRY(detail::run(tiles_kernel<Index>, detail::blocks_for(scene.size, launch.block_threads), 0, launch, scene,
+                           start, 32u * Tune::rows, scratch.first_objects));
   std::uint64_t blocks = 0;
   PGL_CUDA_TRY(detail::tile_blocks(kernel, tiles, warps * area_bytes, Tune::waves, launch, blocks));
   PGL_CUDA_TRY(detail::run(kernel, blocks, warps * area_bytes, launch, scene, scratch.postponed, out.data(), out.size(),
-                           start, area_bytes));
+                           start, scratch.first_objects, area_bytes));
   if (!may_postpone) return cudaSuccess;
   return detail::run_cooperative(finish_kernel<OutIndex, Index>, finish_blocks, 0, launch, scene, scratch.postponed,
                                  out.data());

@@ -57,15 +57,16 @@ struct TilePart {
 };
 
 /// Calls body(part, first, last) for the objects of a tile of the output, a whole warp together: up to 32 objects at a
-/// time, one for each lane, that fill the positions [first, last) of the tile. Position 0 is element `origin` of the
-/// output, which may lie before its beginning; the tile ends at [lo, hi), both within the offsets.
+/// time, one for each lane, that fill the positions [first, last) of the tile. `object` holds element lo. Position 0 is
+/// element `origin` of the output, which may lie before its beginning; the tile ends at [lo, hi), both within the
+/// offsets.
 ///
 /// heads: a word of shared memory for every 32 positions, rows of them, the warp's own. After a __syncwarp, which the
 /// body must do, slot_of finds with them whose a position is. Objects without elements cost little, however many.
 template <unsigned rows, class Body>
-__device__ void for_each_group(const std::uint64_t* offsets, std::uint64_t objects, std::uint64_t origin,
-                               std::uint64_t lo, std::uint64_t hi, unsigned* heads, Body&& body) {
-  std::uint64_t first = object_at(offsets, 0, objects, lo);
+__device__ void for_each_group(const std::uint64_t* offsets, std::uint64_t objects, std::uint64_t object,
+                               std::uint64_t origin, std::uint64_t lo, std::uint64_t hi, unsigned* heads, Body&& body) {
+  std::uint64_t first = object;
   while (lo < hi) {
     const std::uint64_t i = first + lane_index();
     const bool exists = i < objects;
