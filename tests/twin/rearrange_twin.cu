@@ -215,6 +215,87 @@ TYPED_TEST(RearrangeTwin, SameBytesAroundTheEdgesOfWarpsAndBlocks) {
   EXPECT_TRUE(agree(all, true));
 }
 
+// A block moves a mesh in one go if all of its output has room in shared memory, and in windows otherwise; many blocks
+// together move one of more than 2^14 vertices or 2^15 triangles. Sizes on both sides of each change.
+TYPED_TEST(RearrangeTwin, SameBytesWhereTheOutputOfAMeshBarelyFitsSharedMemory) {
+  PGL_NEEDS_DEVICE();
+  std::mt19937 random(4);
+  Batch<TypeParam> b;
+  const auto around = [](std::uint32_t size, auto&& add) {
+    for (std::uint32_t i = size - 6; i <= size + 6; ++i) add(i);
+  };
+  for (const std::uint32_t size : {557u, 766u, 875u, 1114u, 1226u, 1534u, 1754u, 2047u, 2457u, 3071u, 4093u, 6141u}) {
+    around(size, [&](std::uint32_t vertices) {
+      b.add(random, vertices, 0);
+      b.add_gap(random() % 2);
+      b.add(random, vertices, vertices);
+      b.add(random, vertices, 2 * vertices);
+    });
+  }
+  for (const std::uint32_t size : {1878u, 2014u, 3819u, 4027u, 4059u, 8117u}) {
+    around(size, [&](std::uint32_t triangles) { b.add(random, 100, triangles); });
+  }
+  for (const std::uint32_t vertices : {1u, 16383u, 16384u, 16385u}) {
+    for (const std::uint32_t triangles : {32767u, 32768u, 32769u}) b.add(random, vertices, triangles);
+  }
+  EXPECT_TRUE(agree(b, true));
+}
+
+struct Odd {
+  std::uint8_t bytes[7];
+};
+struct Long {
+  std::uint16_t values[37];
+};
+struct alignas(16) Four {
+  float values[4];
+};
+struct alignas(32) Eight {
+  float values[8];
+};
+
+/// A batch with vertices of another kind, of random bytes.
+template <class Other, class Index>
+AssertionResult agree_with_vertices(const Batch<Index>& b) {
+  std::mt19937 random(5);
+  std::vector<Other> vertices(b.vertices.size()), expected(b.vertices.size());
+  std::vector<std::uint8_t> bytes(vertices.size() * sizeof(Other));
+  for (std::uint8_t& byte : bytes) byte = static_cast<std::uint8_t>(random());
+  std::memcpy(static_cast<void*>(vertices.data()), bytes.data(), bytes.size());
+  std::memset(static_cast<void*>(expected.data()), 0xA5, bytes.size());
+  Rearranged<Index> rest(b);
+  pgl::host::rearrange<Other, Index>(b.meshes, vertices, b.triangles, b.ecol, b.permute_v, b.permute_t, expected,
+                                     rest.triangles, rest.ecol);
+  const DeviceArray<Other> in(vertices);
+  for (const unsigned threads : block_sizes) {
+    const OnDevice<Index> device(b);
+    const DeviceArray<Other> out(vertices.size());
+    must(pgl::cuda::rearrange<Other, Index>(
+        device.meshes.input(), in.input(), device.triangles.input(), device.ecol.input(), device.permute_v.input(),
+        device.permute_t.input(), out.view(), device.out_triangles.view(), device.out_ecol.view(), {nullptr, threads}));
+    if (auto same = same_bytes(out.read(), expected); !same) return same << " (vertices)";
+    if (auto same = same_bytes(device.out_triangles.read(), rest.triangles); !same) return same << " (triangles)";
+    if (auto same = same_bytes(device.out_ecol.read(), rest.ecol); !same) return same << " (ecol)";
+  }
+  return AssertionSuccess();
+}
+
+TYPED_TEST(RearrangeTwin, SameBytesForVerticesOfAnySizeAndAlignment) {
+  PGL_NEEDS_DEVICE();
+  std::mt19937 random(6);
+  Batch<TypeParam> b;
+  for (const std::uint32_t size : {1u, 2u, 5u, 100u, 1000u, 3000u, 7000u, 16384u, 16385u}) {
+    b.add_gap(random() % 3);
+    b.add(random, size, size + size / 2);
+  }
+  EXPECT_TRUE(agree_with_vertices<std::uint8_t>(b));
+  EXPECT_TRUE(agree_with_vertices<Odd>(b));
+  EXPECT_TRUE(agree_with_vertices<double>(b));
+  EXPECT_TRUE(agree_with_vertices<Four>(b));
+  EXPECT_TRUE(agree_with_vertices<Long>(b));
+  EXPECT_TRUE(agree_with_vertices<Eight>(b));
+}
+
 // Some thousand small meshes, in no order, with large ones among them.
 TYPED_TEST(RearrangeTwin, SameBytesForABatchOfMeshesOfAllSizes) {
   PGL_NEEDS_DEVICE();
