@@ -1,16 +1,21 @@
 // SPDX-License-Identifier: MIT
 // Collapse order, every level recorded, against meshoptimizer's chain of ten halvings, each from the last, in the same
-// run.
+// run; rounds on one thread and on all, batches of meshes on all.
 #include <benchmark/benchmark.h>
 #include <meshoptimizer.h>
 
 #include <chrono>
 #include <cmath>
 #include <cstdint>
+#include <string>
 #include <vector>
 
 #include "pgl/host/build_ecol.hpp"
 #include "scene/plant.hpp"
+
+#if defined(_OPENMP)
+#include <omp.h>
+#endif
 
 namespace {
 
@@ -78,6 +83,43 @@ void halve(const MeshData& mesh, std::vector<unsigned>& from, std::vector<unsign
   }
 }
 
+void use_threads([[maybe_unused]] std::size_t threads) {
+#if defined(_OPENMP)
+  omp_set_num_threads(static_cast<int>(threads));
+#endif
+}
+
+/// Times the batch call on `threads` threads, on as many meshes as there are.
+void batch(benchmark::State& state, const std::vector<MeshData>& meshes, const pgl::EcolOptions& options,
+           std::size_t threads) {
+  std::vector<glm::vec3> positions;
+  std::vector<pgl::Triangle<std::uint32_t>> triangles;
+  std::vector<pgl::MeshRange> ranges;
+  std::uint64_t entries = 0;
+  for (const MeshData& mesh : meshes) {
+    ranges.push_back({positions.size(), triangles.size(), entries, static_cast<std::uint32_t>(mesh.positions.size()),
+                      static_cast<std::uint32_t>(mesh.triangles.size())});
+    positions.insert(positions.end(), mesh.positions.begin(), mesh.positions.end());
+    triangles.insert(triangles.end(), mesh.triangles.begin(), mesh.triangles.end());
+    entries += mesh.positions.size() + 1;
+  }
+  std::vector<pgl::host::EcolWorkspace<float>> work;
+  Outputs out;
+  out.ecol.resize(positions.size());
+  out.permute_v.resize(positions.size());
+  out.permute_t.resize(triangles.size());
+  out.map.resize(entries);
+  std::vector<std::uint32_t> min_vertices(ranges.size());
+  const std::size_t before = pgl::host::thread_count();
+  use_threads(threads);
+  for (auto _ : state)
+    pgl::host::build_ecol<float, std::uint32_t>(ranges, positions, triangles, {}, options, work, out.ecol,
+                                                out.permute_v, out.permute_t, out.map, {}, min_vertices);
+  use_threads(before);
+  const auto total = static_cast<double>(triangles.size()) * static_cast<double>(state.iterations());
+  state.counters["Mtri_per_s"] = benchmark::Counter(total / 1e6, benchmark::Counter::kIsRate);
+}
+
 /// Times pgl; the peer runs in the same iteration, one after the other, so that a noisy machine treats both alike.
 template <class Real = float>
 void compare(benchmark::State& state, const std::vector<MeshData>& meshes, const pgl::EcolOptions& options) {
@@ -132,6 +174,23 @@ void register_all() {
   add("build_ecol/quadric_double/closed_480", small, with(quadric), 0.0);
   add("build_ecol/melax/closed_480", small, with(melax), 0.0f);
   add("build_ecol/edge_length/closed_480", small, with(edge_length), 0.0f);
+  const auto add_batch = [](const std::string& name, auto meshes, pgl::EcolOptions options) {
+    for (const std::size_t threads : {std::size_t{1}, pgl::host::thread_count()}) {
+      benchmark::RegisterBenchmark((name + "/threads:" + std::to_string(threads)).c_str(),
+                                   [=](benchmark::State& state) { batch(state, meshes, options, threads); })
+          ->UseRealTime()
+          ->Unit(benchmark::kMillisecond);
+      if (pgl::host::thread_count() == 1) break;
+    }
+  };
+  pgl::EcolOptions rounds = with(quadric), melax_rounds = with(melax);
+  rounds.order = melax_rounds.order = pgl::EcolOrder::rounds;
+  add_batch("build_ecol_batch/quadric/closed_480", small, with(quadric));
+  add_batch("build_ecol_batch/quadric_rounds/closed_480", small, rounds);
+  add_batch("build_ecol_batch/quadric/plant_470", parts, with(quadric));
+  add_batch("build_ecol_rounds/quadric/closed_86k", medium, rounds);
+  add_batch("build_ecol_rounds/melax/closed_86k", medium, melax_rounds);
+  add_batch("build_ecol_rounds/quadric/closed_3M", large, rounds);
 }
 
 }  // namespace
