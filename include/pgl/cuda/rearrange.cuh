@@ -200,7 +200,7 @@ __global__ void __launch_bounds__(1024)
     move_small_kernel(const MeshRange* meshes, std::uint64_t size, Arrays<Vertex, Index> arrays) {
   extern __shared__ uint4 pgl_shared_memory[];
   for (std::uint64_t m = blockIdx.x; m < size; m += gridDim.x) {
-    const MeshRange& mesh = meshes[m];
+    const MeshRange mesh = meshes[m];
     if (is_large(mesh)) continue;
     move_by_block(arrays.of(mesh), mesh.vertices, mesh.triangles, reinterpret_cast<std::byte*>(pgl_shared_memory));
   }
