@@ -27,9 +27,9 @@ namespace reform_detail {
 template <class Index>
 struct Tuning {
   /// A warp takes 32 triangles times this at a time: 1 to 4.
-  static constexpr unsigned rows = sizeof(Index) == 2 ? 4 : 2;
+  static constexpr unsigned rows = 4;
   /// Shared memory of a warp, where a block has that much for each of its warps.
-  static constexpr unsigned area_bytes = 6144;
+  static constexpr unsigned area_bytes = 4096;
   /// Bytes of ecol, per triangle in the tile, up to which they are copied there; 0: never.
   static constexpr unsigned copy_worth = 128;
   /// Rounds of following; an object that needs more gets a table of final vertices. 0: every object does.
@@ -125,10 +125,13 @@ __device__ void fill_table(const Index* ecol, std::uint32_t count, std::uint32_t
 }
 
 /// Notes for every tile of the output which object holds its first triangle: a search by each tile would read more than
-/// the tile itself. A thread per object; a warp together where one has many tiles.
+/// the tile itself. A thread per object; a warp together where one has many tiles. Also, nothing is postponed yet.
 template <class Index>
-__global__ void tiles_kernel(Scene<Index> scene, detail::TileStart start, unsigned tile, std::uint32_t* first_objects) {
+__global__ void tiles_kernel(Scene<Index> scene, Postponed<Index> postponed, detail::TileStart start, unsigned tile,
+                             std::uint32_t* first_objects) {
   const std::uint64_t i = std::uint64_t{blockIdx.x} * blockDim.x + threadIdx.x;
+  if (i == 0) *postponed.size = 0;
+  if (i % 32 == 0 && i < scene.size) postponed.marks[i / 32] = 0;
   std::uint64_t first = 0, last = 0;  // tiles
   if (i < scene.size) {
     const std::uint64_t begin = scene.triangle_offsets[i], end = scene.triangle_offsets[i + 1];
@@ -233,11 +236,14 @@ __global__ void __launch_bounds__(1024)
 
           const auto in_group = [&](unsigned r) { return 32 * r + lane >= first && 32 * r + lane < last; };
           Triangle<std::uint32_t> corners[Tune::rows];
+          unsigned slots = 0;  // a byte per row
+          const auto object_of = [&](unsigned r) -> const Shown<Index>& { return shown[slots >> (8 * r) & 31]; };
 #pragma unroll
           for (unsigned r = 0; r < Tune::rows; ++r) {
             corners[r] = {};
             if (!in_group(r)) continue;
-            const Shown<Index>& object = shown[detail::slot_of(heads, r)];
+            slots |= detail::slot_of(heads, r) << (8 * r);
+            const Shown<Index>& object = object_of(r);
             corners[r] = corners_of(scene.triangles + (object.from + (32 * r + lane)));
             PGL_ASSERT(!any_from(corners[r], object.vertices));
           }
@@ -248,7 +254,7 @@ __global__ void __launch_bounds__(1024)
 #pragma unroll
           for (unsigned r = 0; r < Tune::rows; ++r) {
             if (!in_group(r)) continue;
-            const Shown<Index>& object = shown[detail::slot_of(heads, r)];
+            const Shown<Index>& object = object_of(r);
             std::uint32_t steps = Tune::most_steps;
             corners[r] = follow_corners(object.ecol, object.count, corners[r], steps);
             if (any_from(corners[r], object.count)) unfinished |= 1u << r;
@@ -260,9 +266,7 @@ __global__ void __launch_bounds__(1024)
             const unsigned waiting = __ballot_sync(detail::whole_warp, unfinished != 0);
             if (waiting == 0) break;
             const unsigned mine_next =
-                unfinished == 0
-                    ? 0
-                    : detail::slot_of(heads, static_cast<unsigned>(__ffs(static_cast<int>(unfinished))) - 1);
+                unfinished == 0 ? 0 : slots >> (8 * (__ffs(static_cast<int>(unfinished)) - 1)) & 31;
             const unsigned slot = __shfl_sync(detail::whole_warp, mine_next, __ffs(static_cast<int>(waiting)) - 1);
             const Shown<Index> object = shown[slot];
             const auto* all = reinterpret_cast<const Index*>(static_cast<std::uintptr_t>(
@@ -283,7 +287,7 @@ __global__ void __launch_bounds__(1024)
             }
 #pragma unroll
             for (unsigned r = 0; r < Tune::rows; ++r) {
-              if ((unfinished >> r & 1) == 0 || detail::slot_of(heads, r) != slot) continue;
+              if ((unfinished >> r & 1) == 0 || (slots >> (8 * r) & 31) != slot) continue;
               unfinished &= ~(1u << r);
               for (std::uint32_t& v : corners[r].v) {
                 if (fits && v >= object.count) v = table[v - object.count];
@@ -297,7 +301,7 @@ __global__ void __launch_bounds__(1024)
           for (unsigned r = 0; r < Tune::rows; ++r) {
             if (32 * r >= last || 32 * r + 32 <= first) continue;
             if (in_group(r)) {
-              const Shown<Index>& object = shown[detail::slot_of(heads, r)];
+              const Shown<Index>& object = object_of(r);
               staged[lane] = drawn_triangle<OutIndex>(corners[r], object.base, object.mirror != 0);
             }
             __syncwarp();
@@ -383,15 +387,13 @@ struct Scratch {
   One* one;
   Postponed<Index> postponed;
   std::uint32_t* first_objects;  // per tile
-  std::size_t zeroed;            // bytes from postponed.size on
   std::size_t bytes;
 
   Scratch(void* memory, std::size_t objects, std::uint64_t largest_mesh, std::uint64_t triangles) {
     detail::Parts parts(memory);
     one = parts.take<One>(1);
     first_objects = parts.take<std::uint32_t>(triangles / 32 + 2);  // the smallest tile
-    zeroed = (1 + (objects + 31) / 32) * sizeof(std::uint32_t);
-    postponed.size = parts.take<std::uint32_t>(zeroed / sizeof(std::uint32_t));
+    postponed.size = parts.take<std::uint32_t>(1 + (objects + 31) / 32);
     postponed.marks = memory == nullptr ? nullptr : postponed.size + 1;
     postponed.list = parts.take<std::uint32_t>(objects);
     postponed.entries = std::max(largest_mesh, least_table_entries);
@@ -449,14 +451,11 @@ template <class Tune, class OutIndex, class Index>
       std::min(Tune::area_bytes, static_cast<unsigned>(detail::most_shared_bytes) / warps) / 16 * 16;
   const std::size_t slab_bytes = slab_bytes_of<Index>(area_bytes);
   const bool may_postpone = largest * sizeof(Index) > slab_bytes;
-  if (may_postpone) {
-    PGL_CUDA_TRY(cudaMemsetAsync(scratch.postponed.size, 0, scratch.zeroed, launch.stream));
-  }
   const detail::TileStart start = detail::tile_start(out.data());
   const auto kernel = reform_kernel<Tune, OutIndex, Index>;
   const std::uint64_t tiles = (out.size() + start.lead + 32 * Tune::rows - 1) / (32 * Tune::rows);
   PGL_CUDA_TRY(detail::run(tiles_kernel<Index>, detail::blocks_for(scene.size, launch.block_threads), 0, launch, scene,
-                           start, 32u * Tune::rows, scratch.first_objects));
+                           scratch.postponed, start, 32u * Tune::rows, scratch.first_objects));
   std::uint64_t blocks = 0;
   PGL_CUDA_TRY(detail::tile_blocks(kernel, tiles, warps * area_bytes, Tune::waves, launch, blocks));
   PGL_CUDA_TRY(detail::run(kernel, blocks, warps * area_bytes, launch, scene, scratch.postponed, out.data(), out.size(),
