@@ -213,6 +213,18 @@ TEST(BuildEcolTwin, OneLargeMeshByRoundsOfTheWholeDevice) {
   EXPECT_TRUE((agree<double, std::uint32_t>(batch)));
 }
 
+/// Too large for shared memory, and small enough for a memory checker.
+TEST(BuildEcolTwin, AMeshOfThousandsByRoundsOfTheWholeDevice) {
+  PGL_NEEDS_DEVICE();
+  Batch batch;
+  std::mt19937 rng(9);
+  batch.add(punctured(jittered(torus(60, 55), rng, 0.01f), rng, 20));
+  batch.options.order = EcolOrder::rounds;
+  batch.options.boundary = pgl::BoundaryRule::slide;
+  batch.with_error = true;
+  EXPECT_TRUE((agree<float, std::uint16_t>(batch)));
+}
+
 TEST(BuildEcolTwin, OneLargeMeshGreedily) {
   PGL_NEEDS_DEVICE();
   Batch batch;

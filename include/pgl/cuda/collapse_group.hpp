@@ -441,6 +441,7 @@ PGL_DEVICE void look_at_all(Group& g, const CollapseState<Real, Id>& s, std::uin
       const std::uint32_t large = g.shuffle(u, lowest_bit(mask));
       const CandidateOf<Real, Id> best =
           cheapest_collapse<Group, Real, Id>(g, m, large, ring_of(g, m, large), slide_ends(m, large), nullptr);
+      g.sync();  // all have read the flags
       if (g.rank() == 0) {
         s.cost[large] = best.cost;
         s.target[large] = best.target;
@@ -490,6 +491,7 @@ PGL_DEVICE std::uint32_t collapse_greedily(Group& g, const CollapseState<Real, I
     const Ring<Id> around_u = ring_of(g, m, u), around_v = ring_of(g, m, v);
     if (!is_valid_collapse(g, m, u, around_u, v, around_v, open)) {
       const CandidateOf<Real, Id> best = cheapest_collapse<Group, Real, Id>(g, m, u, around_u, open, &candidate);
+      g.sync();  // all have read the candidate and the flags
       if (g.rank() == 0) {
         s.cost[u] = best.cost;
         s.target[u] = best.target;
