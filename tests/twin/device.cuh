@@ -15,6 +15,10 @@
 #include <type_traits>
 #include <vector>
 
+#if defined(_OPENMP)
+#include <omp.h>
+#endif
+
 #include "pgl/cuda/launch.cuh"
 
 namespace pgl::test {
@@ -79,6 +83,21 @@ class DeviceArray {
   void* memory_ = nullptr;
   std::size_t size_, shift_;
 };
+
+/// Calls body() with one thread of the CPU and with all.
+template <class Body>
+void with_host_threads(Body&& body) {
+#if defined(_OPENMP)
+  const int all = omp_get_max_threads();
+  for (const int threads : {1, all}) {
+    omp_set_num_threads(threads);
+    body();
+  }
+  omp_set_num_threads(all);
+#else
+  body();
+#endif
+}
 
 /// The same bytes, NaNs included.
 template <class T>

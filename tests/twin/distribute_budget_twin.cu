@@ -29,6 +29,7 @@ using pgl::test::block_sizes;
 using pgl::test::DeviceArray;
 using pgl::test::must;
 using pgl::test::same_bytes;
+using pgl::test::with_host_threads;
 using test::Scene;
 using Counts = std::vector<std::uint32_t>;
 using Offsets = std::vector<std::uint64_t>;
@@ -41,21 +42,6 @@ constexpr std::uint64_t two_32 = std::uint64_t{1} << 32;
 
 /// Sizes around the edges of warps and blocks, and of the scan's tiles.
 constexpr std::size_t sizes[] = {0, 1, 2, 31, 32, 33, 95, 96, 97, 255, 256, 257, 1023, 1024, 1025, 4097, 12289};
-
-/// Calls body() with one thread of the CPU and with all.
-template <class Body>
-void with_host_threads(Body&& body) {
-#if defined(_OPENMP)
-  const int all = omp_get_max_threads();
-  for (const int threads : {1, all}) {
-    omp_set_num_threads(threads);
-    body();
-  }
-  omp_set_num_threads(all);
-#else
-  body();
-#endif
-}
 
 // ---- distribute_budget
 

@@ -31,27 +31,13 @@ using pgl::test::block_sizes;
 using pgl::test::DeviceArray;
 using pgl::test::must;
 using pgl::test::same_bytes;
+using pgl::test::with_host_threads;
 using ::testing::AssertionFailure;
 using ::testing::AssertionResult;
 using ::testing::AssertionSuccess;
 
 /// Sizes around the edges of warps and blocks, and more objects than one block of any size.
 constexpr std::size_t sizes[] = {0, 1, 2, 31, 32, 33, 95, 96, 97, 255, 256, 257, 1023, 1024, 1025, 5000};
-
-/// Calls body() with one thread of the CPU and with all.
-template <class Body>
-void with_host_threads(Body&& body) {
-#if defined(_OPENMP)
-  const int all = omp_get_max_threads();
-  for (const int threads : {1, all}) {
-    omp_set_num_threads(threads);
-    body();
-  }
-  omp_set_num_threads(all);
-#else
-  body();
-#endif
-}
 
 /// Demands one result of the CPU, with one thread and with all, and of the GPU at every block size.
 template <class Inputs, class OnHost, class OnDevice>
