@@ -210,9 +210,7 @@ PGL_HD constexpr std::uint32_t object_of_key(std::uint64_t key) {
 
 /// The weight that a key was made of.
 PGL_HD constexpr float weight_of_key(std::uint64_t key) {
-  constexpr std::uint32_t sign = 0x80000000u;
-  const auto order = static_cast<std::uint32_t>(key >> 32);
-  return ieee::from_bits<float>((order & sign) ? order ^ sign : ~order);
+  return ieee::from_order_key<float>(static_cast<std::uint32_t>(key >> 32));
 }
 
 /// The least key that an eligible object can have.

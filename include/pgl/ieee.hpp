@@ -205,6 +205,14 @@ PGL_HD constexpr typename detail::bits_of<T>::type order_key(T a) {
   return (bits & sign) ? ~bits : (bits | sign);
 }
 
+/// The number with this key: from_order_key<T>(order_key(a)) has the bits of a, for every a but NaN.
+template <class T>
+PGL_HD constexpr T from_order_key(typename detail::bits_of<T>::type key) {
+  using U = typename detail::bits_of<T>::type;
+  constexpr U sign = U{1} << (sizeof(U) * 8 - 1);
+  return from_bits<T>((key & sign) ? key ^ sign : ~key);
+}
+
 /// The next representable number above (below) a: next_up(-0) = next_up(+0) = the least positive subnormal,
 /// next_up(+inf) = +inf, NaN stays NaN. next_up(f(x)) of a correctly rounded f is an upper bound of the exact value.
 template <class T>

@@ -154,6 +154,8 @@ std::vector<T> in_order(std::vector<T> values) {
 
 template <class T>
 void expect_keys_in_order(const std::vector<T>& values) {
+  for (const T value : values)
+    EXPECT_EQ(ieee::to_bits(ieee::from_order_key<T>(ieee::order_key(value))), ieee::to_bits(value)) << value;
   for (std::size_t i = 1; i < values.size(); ++i)
     EXPECT_LT(ieee::order_key(values[i - 1]), ieee::order_key(values[i])) << values[i - 1] << " " << values[i];
   constexpr auto last = static_cast<Bits<T>>(~Bits<T>{0});

@@ -110,7 +110,7 @@ struct Grid {
 };
 
 template <class Index>
-__device__ EcolArrays<Index> arrays_of(const EcolArrays<Index>& all, const MeshRange& r) {
+PGL_HD EcolArrays<Index> arrays_of(const EcolArrays<Index>& all, const MeshRange& r) {
   return {all.positions + r.first_vertex,
           all.triangles + r.first_triangle,
           all.locked == nullptr ? nullptr : all.locked + r.first_vertex,
@@ -146,21 +146,16 @@ template <class Cost>
 struct LargeShared {
   std::uint32_t low[3], high[3];  ///< order keys of the box
   GridSlot<Cost> slots[3];
-  std::uint32_t rounds;
   std::uint32_t left;         ///< vertices
   std::uint32_t first_to_go;  ///< vertex
 };
-
-PGL_HD inline float float_of_key(std::uint32_t key) {
-  return ieee::from_bits<float>((key & 0x80000000u) != 0 ? key ^ 0x80000000u : ~key);
-}
 
 template <class Cost>
 __device__ Normalisation normalisation_of(const LargeShared<Cost>& shared) {
   Box box;
   for (int axis = 0; axis < 3; ++axis) {
-    box.min[axis] = float_of_key(shared.low[axis]);
-    box.max[axis] = float_of_key(shared.high[axis]);
+    box.min[axis] = ieee::from_order_key<float>(shared.low[axis]);
+    box.max[axis] = ieee::from_order_key<float>(shared.high[axis]);
   }
   return normalisation(box);
 }
@@ -174,6 +169,7 @@ __device__ inline std::uint64_t grid_size() {
 
 template <class Cost>
 __global__ void start_large_kernel(LargeShared<Cost>* shared) {
+  if (grid_rank() != 0) return;
   for (int axis = 0; axis < 3; ++axis) {
     shared->low[axis] = ieee::order_key(ieee::infinity<float>);
     shared->high[axis] = ieee::order_key(-ieee::infinity<float>);
@@ -247,10 +243,8 @@ template <class Real, class Index, class Cost>
 __global__ void collapse_large_kernel(CollapseState<Real, std::uint32_t> s, EcolArrays<Index> a,
                                       LargeShared<Cost>* shared) {
   Grid<Cost> grid{shared->slots};
-  const std::uint32_t rounds =
-      collapse_by_rounds(grid, static_cast<std::uint32_t>(grid_rank()), static_cast<std::uint32_t>(grid_size()), s,
-                         normalisation_of(*shared), a);
-  if (grid_rank() == 0) shared->rounds = rounds;
+  (void)collapse_by_rounds(grid, static_cast<std::uint32_t>(grid_rank()), static_cast<std::uint32_t>(grid_size()), s,
+                           normalisation_of(*shared), a);
 }
 
 /// Sort keys that put what has no key in front, and the items from the last to the first, so that a stable sort puts
@@ -319,7 +313,7 @@ __global__ void place_triangles_kernel(EcolArrays<Index> a, std::uint32_t vertic
   }
 }
 
-struct Greater {
+struct Larger {
   __device__ float operator()(float a, float b) const { return ieee::max(a, b); }
 };
 
@@ -363,7 +357,7 @@ struct LargeMemory {
   [[nodiscard]] cudaError_t scan_errors(void* scratch, std::size_t& size, std::size_t items,
                                         cudaStream_t stream) const {
     return cub::DeviceScan::InclusiveScan(scratch, size, ::cuda::std::make_reverse_iterator(errors[0] + items),
-                                          ::cuda::std::make_reverse_iterator(errors[1] + items), Greater{},
+                                          ::cuda::std::make_reverse_iterator(errors[1] + items), Larger{},
                                           static_cast<std::int64_t>(items), stream);
   }
 };
@@ -588,15 +582,7 @@ cudaError_t build_ecol(std::span<const MeshRange> meshes, const EcolArrays<Index
     LargeMemory<Real> memory;
     Parts parts(workspace.memory_.template at<std::byte>());
     PGL_CUDA_TRY(LargeMemory<Real>::lay_out(memory, parts, r, options, with_error));
-    const EcolArrays<Index> own{all.positions + r.first_vertex,
-                                all.triangles + r.first_triangle,
-                                all.locked == nullptr ? nullptr : all.locked + r.first_vertex,
-                                all.ecol + r.first_vertex,
-                                all.permute_v + r.first_vertex,
-                                all.permute_t + r.first_triangle,
-                                all.map + r.first_map,
-                                all.error == nullptr ? nullptr : all.error + r.first_map};
-    PGL_CUDA_TRY(build_large<Real, Index>(memory, r, options, own, min_vertices + tasks[i].mesh, launch));
+    PGL_CUDA_TRY(build_large<Real, Index>(memory, r, options, arrays_of(all, r), min_vertices + tasks[i].mesh, launch));
   }
   Launch warp = launch;
   warp.block_threads = 32;

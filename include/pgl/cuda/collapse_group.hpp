@@ -428,8 +428,8 @@ PGL_DEVICE CandidateOf<Real, Id> cheapest_collapse(Group& g, const CollapsingMes
   return least_of(g, best);
 }
 
-/// Brings the candidates of vertices(0 .. count - 1), each there once, up to date by look(vertex, most): by a thread
-/// each, which leaves those of more than `most` triangles alone and says so; these are the whole group's.
+/// Brings the candidates of vertices(0 .. count - 1), each there once, up to date: a thread each by look(vertex),
+/// which may leave one alone and return false; these are the whole group's.
 template <class Group, class Real, class Id, class Vertices, class Look>
 PGL_DEVICE void look_at_all(Group& g, const CollapseState<Real, Id>& s, std::uint32_t count, Vertices&& vertices,
                             Look&& look) {
