@@ -79,6 +79,9 @@ struct Object {
 /// Which clip-space depths are inside: OpenGL's -w..w, or 0..w (Direct3D, Vulkan, GL clip control; reversed or not).
 enum class DepthRange : std::uint8_t { minus_one_to_one, zero_to_one };
 
+/// Which end of the range of depths is near: the lower one, or, as for reversed depth buffers, the upper one.
+enum class DepthOrder : std::uint8_t { conventional, reversed };
+
 /// A camera as the algorithms see it. Clip space as in OpenGL: p inside iff |x| <= w, |y| <= w and z in the range.
 struct View {
   glm::mat4 clip_from_world{1.0f};  ///< column-major, column vectors; every entry finite
@@ -86,6 +89,7 @@ struct View {
   float height = 1.0f;
   float near_depth = 1e-3f;  ///< depths (clip w) are clamped to at least this, > 0
   DepthRange depth_range = DepthRange::minus_one_to_one;
+  DepthOrder depth_order = DepthOrder::conventional;
 };
 
 }  // namespace pgl
