@@ -378,12 +378,21 @@ PGL_HD constexpr std::uint64_t round_limit(std::uint64_t least) {
   return least | 0x000fffffffffffffu;
 }
 
-/// The order of the collapses of one round: by cost (of a double, its first 32 bits), then by the vertex that goes.
+/// A vertex's place among those of equal cost: all different, and without pattern. By index a flat mesh in order, whose
+/// costs are all equal, would have one collapse a round.
+PGL_HD constexpr std::uint32_t shuffled_index(std::uint32_t u) {
+  u = (u ^ (u >> 16)) * 0x7feb352du;
+  u = (u ^ (u >> 15)) * 0x846ca68bu;
+  return u ^ (u >> 16);
+}
+
+/// The order of the collapses of one round: by cost (of a double, its first 32 bits), then by the shuffled index of the
+/// vertex that goes.
 PGL_HD constexpr std::uint64_t round_rank(std::uint32_t cost, std::uint32_t from) {
-  return (static_cast<std::uint64_t>(cost) << 32) | from;
+  return (static_cast<std::uint64_t>(cost) << 32) | shuffled_index(from);
 }
 PGL_HD constexpr std::uint64_t round_rank(std::uint64_t cost, std::uint32_t from) {
-  return (cost >> 32 << 32) | from;
+  return (cost >> 32 << 32) | shuffled_index(from);
 }
 
 /// Calls body(x) for the vertices of the region of u -> v, some of them more than once, until it returns false. Tells

@@ -203,17 +203,13 @@ RC_GTEST_PROP(BuildEcolProps, everyCollapseIsAllowedWhenItsTurnComes, ()) {
                     : not_allowed<float>(c.mesh, c.locked, c.options, r)) == "");
 }
 
-RC_GTEST_PROP(BuildEcolProps, theLeastCollapseOfAllIsInTheFirstRound, ()) {
+RC_GTEST_PROP(BuildEcolProps, bothOrdersAgreeOnWhetherAnythingCollapses, ()) {
   Case c = random_case({Kind::closed, Kind::open, Kind::soup});
-  c.fine = false;  // ranks leave out the last bits of a double
   c.options.order = EcolOrder::greedy;
   const EcolResult greedy = run(c);
   c.options.order = EcolOrder::rounds;
   const EcolResult rounds = run(c);
   classify(c, rounds);
-  for (std::uint32_t v = 0; v < c.mesh.vertex_count(); ++v)
-    if (greedy.ecol[v] != nowhere && greedy.permute_v[v] + 1 == c.mesh.vertex_count())
-      RC_ASSERT(rounds.ecol[v] == greedy.ecol[v]);
   RC_ASSERT((greedy.min_vertices == c.mesh.vertex_count()) == (rounds.min_vertices == c.mesh.vertex_count()));
 }
 

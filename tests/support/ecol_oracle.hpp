@@ -214,7 +214,7 @@ class EcolOracle {
     };
     const auto before = [&](std::uint32_t a, std::uint32_t b) {
       const Real x = coarse(choices[a].cost), y = coarse(choices[b].cost);
-      return x < y || (x == y && a < b);
+      return x < y || (x == y && scattered(a) < scattered(b));
     };
     std::map<std::uint32_t, std::uint32_t> owner;
     for (const auto& [u, choice] : choices)
@@ -427,6 +427,15 @@ class EcolOracle {
     int exponent = 0;
     std::frexp(cost, &exponent);
     return std::isinf(cost) ? cost : std::nextafter(std::ldexp(Real(1), exponent), Real(0));
+  }
+  /// Where a vertex stands among those of equal cost.
+  static std::uint32_t scattered(std::uint32_t u) {
+    std::uint64_t x = u;
+    x ^= x / 65536;
+    x = x * 2146121005 % (std::uint64_t{1} << 32);
+    x ^= x / 32768;
+    x = x * 2221713035 % (std::uint64_t{1} << 32);
+    return static_cast<std::uint32_t>(x ^ (x / 65536));
   }
   /// A cost as ranks compare it: a double without its last 32 bits.
   static float coarse(float cost) { return cost; }

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <set>
 #include <span>
 #include <vector>
 
@@ -216,19 +217,24 @@ TEST(Collapse, LimitsEndAtPowersOfTwo) {
   expect_limits<double>();
 }
 
-TEST(Collapse, RanksOrderByCostThenVertex) {
+TEST(Collapse, RanksOrderByCostThenByVertexWithoutPattern) {
   const auto rank = [](auto cost, std::uint32_t u) { return pgl::round_rank(pgl::cost_key(cost), u); };
-  EXPECT_LT(rank(0.0f, 9), rank(std::numeric_limits<float>::denorm_min(), 0));
-  EXPECT_LT(rank(1.0f, 7), rank(std::nextafter(1.0f, 2.0f), 3));
-  EXPECT_LT(rank(1.0f, 3), rank(1.0f, 7));
-  EXPECT_LT(rank(1.0, 7), rank(1.0 + 0x1p-20, 3));
-  EXPECT_LT(rank(1.0, 3), rank(1.0, 7));
-  // Beyond its first 32 bits a double does not count.
-  EXPECT_EQ(rank(1.0, 3), rank(1.0 + 0x1p-21, 3));
-  EXPECT_LT(rank(1.0 + 0x1p-21, 3), rank(1.0, 7));
+  std::uint32_t ahead = 0;
+  std::set<std::uint64_t> ranks;
+  for (std::uint32_t u = 0; u < 10000; ++u) {
+    EXPECT_LT(rank(0.0f, u), rank(std::numeric_limits<float>::denorm_min(), u + 1));
+    EXPECT_LT(rank(1.0f, u), rank(std::nextafter(1.0f, 2.0f), u + 1));
+    EXPECT_LT(rank(1.0, u), rank(1.0 + 0x1p-20, u + 1));
+    // Beyond its first 32 bits a double does not count.
+    EXPECT_EQ(rank(1.0, u), rank(1.0 + 0x1p-21, u));
+    ahead += rank(1.0f, u) < rank(1.0f, u + 1);
+    ranks.insert(rank(1.0f, u));
+  }
+  EXPECT_EQ(ranks.size(), 10000u) << "no two vertices have one rank";
+  EXPECT_NEAR(ahead, 5000, 300);
   // No rank is that of a vertex which nobody claims.
-  EXPECT_LT(rank(std::numeric_limits<float>::infinity(), 0xFFFFFFFEu), ~std::uint64_t{0});
-  EXPECT_LT(rank(std::numeric_limits<double>::infinity(), 0xFFFFFFFEu), ~std::uint64_t{0});
+  EXPECT_LT(rank(std::numeric_limits<float>::infinity(), 0u), ~std::uint64_t{0});
+  EXPECT_LT(rank(std::numeric_limits<double>::infinity(), 0u), ~std::uint64_t{0});
 }
 
 }  // namespace
