@@ -69,6 +69,9 @@ PGL_HD constexpr std::uint32_t triangles_at(const Mesh& mesh, const std::uint32_
   return vertices == 0 ? 0u : map[mesh.first_map + (vertices - mesh.min_vertices)];
 }
 
+/// The entry of a list of objects that names none of them, and is passed over.
+inline constexpr std::uint32_t no_object = 0xffffffffu;
+
 /// A mesh placed in the world by an affine transform: column-major, p -> m[0]*p.x + m[1]*p.y + m[2]*p.z + m[3].
 struct Object {
   std::uint32_t mesh = 0;
