@@ -6,6 +6,7 @@
 
 #include "pgl/bounds.hpp"
 #include "pgl/config.hpp"
+#include "pgl/depth.hpp"
 #include "pgl/ieee.hpp"
 #include "pgl/types.hpp"
 
@@ -48,6 +49,97 @@ PGL_HD inline RowOverBox row_over_box(const glm::mat4& m, int row, const Box& bo
   return r;
 }
 
+/// A box that is wholly before the camera: one over w at its corners, how far those w may be from the truth, and a
+/// lower bound of the box's w. Nothing is before the camera while `least` is 0.
+struct BeforeCamera {
+  double inverse[8];
+  double error;
+  double least = 0.0;
+};
+
+/// The extremes over a box's corners of a row's value by w, and how far they may be from those over the box.
+struct QuotientRange {
+  double low;
+  double high;
+  double margin;  ///< also for up to six roundings by 2^-53 of the quotient's size + 1, two of which are done
+};
+
+/// Before the camera a quotient by w has its extremes at corners. A corner's quotient q errs by at most (|q| * w.error
+/// + v.error) / w, of which the double is taken, and the roundings up to here and in taking q on to pixels or depths
+/// make less than 6 * 2^-53 of |q| + 1, of which 8 are.
+PGL_HD inline QuotientRange quotient_range(const glm::mat4& m, int row, const Box& box, const BeforeCamera& w) {
+  const RowOverBox v = row_over_box(m, row, box);
+  QuotientRange r;
+  r.low = r.high = ieee::mul(v.corner[0], w.inverse[0]);
+  for (int i = 1; i < 8; ++i) {
+    const double q = ieee::mul(v.corner[i], w.inverse[i]);
+    r.low = ieee::min(q, r.low);
+    r.high = ieee::max(q, r.high);
+  }
+  const double size = ieee::max(-r.low, r.high);  // the largest |q|
+  const double error = ieee::div(ieee::add(ieee::mul(size, w.error), v.error), w.least);
+  r.margin = ieee::add(ieee::mul(error, 2.0), ieee::mul(ieee::add(size, 1.0), 0x1p-50));
+  return r;
+}
+
+/// The rule of project, which leaves what it found of w for more quotients; w.least is 0 where the rectangle is empty
+/// or the whole viewport for want of a better.
+PGL_HD inline ScreenBox project(const Box& box, const View& view, BeforeCamera& before) {
+  PGL_ASSERT(view.width > 0.0f && ieee::is_finite(view.width) && view.height > 0.0f && ieee::is_finite(view.height));
+  PGL_ASSERT(view.near_depth > 0.0f && ieee::is_finite(view.near_depth));
+  before.least = 0.0;
+  ScreenBox r;
+  r.depth = view.near_depth;
+  if (is_empty(box)) return r;
+
+  const RowOverBox w = row_over_box(view.clip_from_world, 3, box);
+  double least = w.corner[0], most = w.corner[0];
+  for (int i = 1; i < 8; ++i) {
+    least = ieee::min(w.corner[i], least);
+    most = ieee::max(w.corner[i], most);
+  }
+  if (ieee::add(most, w.error) < 0.0) return r;
+  least = ieee::sub(least, w.error);  // NaN if the error is
+  if (!(least > static_cast<double>(view.near_depth))) {
+    r.x0 = r.y0 = 0.0f;
+    r.x1 = view.width;
+    r.y1 = view.height;
+    return r;
+  }
+
+  before.error = w.error;
+  before.least = least;
+  for (int i = 0; i < 8; ++i) before.inverse[i] = ieee::div(1.0, w.corner[i]);
+  float low[2], high[2];
+  for (int axis = 0; axis < 2; ++axis) {
+    const QuotientRange q = quotient_range(view.clip_from_world, axis, box, before);
+    const double full = axis == 0 ? view.width : view.height, half = ieee::mul(full, 0.5);
+    const double p0 = ieee::sub(ieee::mul(ieee::add(q.low, 1.0), half), ieee::mul(q.margin, half));
+    const double p1 = ieee::add(ieee::mul(ieee::add(q.high, 1.0), half), ieee::mul(q.margin, half));
+    if (p0 > full || p1 < 0.0) {
+      before.least = 0.0;
+      return r;
+    }
+    low[axis] = float_below(ieee::max(p0, 0.0));
+    high[axis] = float_above(ieee::min(p1, full));
+  }
+  r.x0 = low[0];
+  r.y0 = low[1];
+  r.x1 = high[0];
+  r.y1 = high[1];
+  r.depth = float_below(least);
+  return r;
+}
+
+/// A window depth, from 0 at the near end to 1 at the far one, that nothing of the box is nearer than.
+PGL_HD inline double nearest_window_depth(const Box& box, const View& view, const BeforeCamera& before) {
+  const QuotientRange q = quotient_range(view.clip_from_world, 2, box, before);
+  const bool reversed = view.depth_order == DepthOrder::reversed;
+  const double from_near = ieee::sub(reversed ? -q.high : q.low, q.margin);  // least z / w, or least -z / w
+  if (view.depth_range == DepthRange::minus_one_to_one) return ieee::mul(ieee::add(from_near, 1.0), 0.5);
+  return reversed ? ieee::add(from_near, 1.0) : from_near;
+}
+
 }  // namespace detail
 
 /// Projects a box to the viewport: a rectangle that holds it, and a depth that nothing of it is nearer than.
@@ -64,56 +156,17 @@ PGL_HD inline RowOverBox row_over_box(const glm::mat4& m, int row, const Box& bo
 /// Preconditions: width, height and near_depth are finite and positive; every entry of clip_from_world is finite.
 /// Source: A and D of [Peng13] Eq 2.3, made finite for a camera inside the box.
 PGL_HD inline ScreenBox project(const Box& box, const View& view) {
-  PGL_ASSERT(view.width > 0.0f && ieee::is_finite(view.width) && view.height > 0.0f && ieee::is_finite(view.height));
-  PGL_ASSERT(view.near_depth > 0.0f && ieee::is_finite(view.near_depth));
-  ScreenBox r;
-  r.depth = view.near_depth;
-  if (is_empty(box)) return r;
+  detail::BeforeCamera before;
+  return detail::project(box, view, before);
+}
 
-  const detail::RowOverBox w = detail::row_over_box(view.clip_from_world, 3, box);
-  double least = w.corner[0], most = w.corner[0];
-  for (int i = 1; i < 8; ++i) {
-    least = ieee::min(w.corner[i], least);
-    most = ieee::max(w.corner[i], most);
-  }
-  if (ieee::add(most, w.error) < 0.0) return r;
-  least = ieee::sub(least, w.error);  // NaN if the error is
-  if (!(least > static_cast<double>(view.near_depth))) {
-    r.x0 = r.y0 = 0.0f;
-    r.x1 = view.width;
-    r.y1 = view.height;
-    return r;
-  }
-
-  // In front of the camera x / w has its extremes at corners. A corner's quotient q errs by at most
-  // (|q| * w.error + v.error) / w, of which the double is taken, and the roundings on the way to pixels make less than
-  // 6 * 2^-53 of (|q| + 1) * width / 2, of which 8 are.
-  double inverse[8];
-  for (int i = 0; i < 8; ++i) inverse[i] = ieee::div(1.0, w.corner[i]);
-  float low[2], high[2];
-  for (int axis = 0; axis < 2; ++axis) {
-    const detail::RowOverBox v = detail::row_over_box(view.clip_from_world, axis, box);
-    double q0 = ieee::mul(v.corner[0], inverse[0]), q1 = q0;
-    for (int i = 1; i < 8; ++i) {
-      const double q = ieee::mul(v.corner[i], inverse[i]);
-      q0 = ieee::min(q, q0);
-      q1 = ieee::max(q, q1);
-    }
-    const double size = ieee::max(-q0, q1);  // the largest |q|
-    const double error = ieee::div(ieee::add(ieee::mul(size, w.error), v.error), least);
-    const double margin = ieee::add(ieee::mul(error, 2.0), ieee::mul(ieee::add(size, 1.0), 0x1p-50));
-    const double full = axis == 0 ? view.width : view.height, half = ieee::mul(full, 0.5);
-    const double p0 = ieee::sub(ieee::mul(ieee::add(q0, 1.0), half), ieee::mul(margin, half));
-    const double p1 = ieee::add(ieee::mul(ieee::add(q1, 1.0), half), ieee::mul(margin, half));
-    if (p0 > full || p1 < 0.0) return r;
-    low[axis] = detail::float_below(ieee::max(p0, 0.0));
-    high[axis] = detail::float_above(ieee::min(p1, full));
-  }
-  r.x0 = low[0];
-  r.y0 = low[1];
-  r.x1 = high[0];
-  r.y1 = high[1];
-  r.depth = detail::float_below(least);
+/// The same, and a Depth that nothing of the box is nearer than: its least window depth, less a few parts in 10^16 of
+/// the terms in the matrix product, rounded down. That is 0 for a box that takes the whole viewport because it comes
+/// too near, and for one whose rectangle is empty.
+PGL_HD inline ScreenBox project(const Box& box, const View& view, Depth& nearest) {
+  detail::BeforeCamera before;
+  const ScreenBox r = detail::project(box, view, before);
+  nearest = before.least > 0.0 ? depth_below(detail::nearest_window_depth(box, view, before)) : 0;
   return r;
 }
 
