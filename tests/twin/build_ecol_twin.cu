@@ -136,15 +136,15 @@ void random_batches_agree(bool fine, bool narrow) {
 
 TEST(BuildEcolTwin, RandomBatchesInFloat) {
   PGL_NEEDS_DEVICE();
-  rc::check([] { random_batches_agree(false, true); });
+  EXPECT_TRUE(rc::check([] { random_batches_agree(false, true); }));
 }
 TEST(BuildEcolTwin, RandomBatchesInFloatWithWideIndices) {
   PGL_NEEDS_DEVICE();
-  rc::check([] { random_batches_agree(false, false); });
+  EXPECT_TRUE(rc::check([] { random_batches_agree(false, false); }));
 }
 TEST(BuildEcolTwin, RandomBatchesInDouble) {
   PGL_NEEDS_DEVICE();
-  rc::check([] { random_batches_agree(true, true); });
+  EXPECT_TRUE(rc::check([] { random_batches_agree(true, true); }));
 }
 
 TEST(BuildEcolTwin, NothingAndMeshesOfNothing) {

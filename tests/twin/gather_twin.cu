@@ -227,6 +227,28 @@ TEST(GatherTwin, SameBytesForManySmallObjectsAndAHugeOne) {
   EXPECT_TRUE(agree_on_all(s));
 }
 
+/// Sums whose terms cancel: their order shows, which sums of terms of like size seldom show after rounding to float.
+TEST(GatherTwin, SameBytesWhereTermsCancel) {
+  PGL_NEEDS_DEVICE();
+  AnyFloat number;
+  const auto around_one = [&] { return 1.0f + std::ldexp(static_cast<float>(number.random() % 4096), -12); };
+  Scene s;
+  s.add_mesh(200, around_one);
+  for (int i = 0; i < 40; ++i) {
+    s.add_object(0, 200, false, around_one);
+    const float large = std::ldexp(around_one(), i);
+    Object& object = s.objects.back();
+    for (int row = 0; row < 3; ++row) {  // x and y cancel but for little; z is small beside them
+      object.transform[0][row] = large;
+      object.transform[1][row] = -large;
+      object.transform[2][row] = std::ldexp(around_one(), -i);
+      object.transform[3][row] = 0.0f;
+    }
+  }
+  for (std::size_t v = 0; v + 1 < s.vertices.size(); v += 2) s.vertices[v].y = s.vertices[v].x;
+  EXPECT_TRUE(agree_on_all(s));
+}
+
 TEST(GatherTwin, WritesNothingForNothing) {
   PGL_NEEDS_DEVICE();
   AnyFloat number;
