@@ -89,7 +89,7 @@ inline void select_occluders(std::span<const std::uint32_t> candidates, std::spa
   if (workspace.heaviest.size() < n) workspace.heaviest.resize(n);
   const Eye eye = eye_of(view);
 
-  // Each block's k heaviest, anywhere in its part of `heaviest`, then those of all: the lightest is the limit.
+  // Each block's k + 1 heaviest, anywhere in its part of `heaviest`, then those of all: the k-th is the limit.
   std::array<std::size_t, detail::max_blocks> sizes{};
   detail::for_blocks(n, blocks, [&](std::size_t b, std::size_t begin, std::size_t end) {
     std::uint64_t* const own = workspace.heaviest.data() + begin;
@@ -102,9 +102,9 @@ inline void select_occluders(std::span<const std::uint32_t> candidates, std::spa
       workspace.keys[i] = key;
       if (key != 0) own[size++] = key;
     }
-    if (size > k) {
-      std::nth_element(own, own + k, own + size, std::greater<>{});
-      size = k;
+    if (size > k + 1) {
+      std::nth_element(own, own + k + 1, own + size, std::greater<>{});
+      size = k + 1;
     }
     sizes[b] = size;
   });
