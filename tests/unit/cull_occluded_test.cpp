@@ -252,7 +252,7 @@ TEST(CullOccluded, DropsWhatIsBehindTheWallAndNothingElse) {
       {{{0.5f, 0.5f, -12}, {0.5f, 0.5f, -12}}, false},  // a point
       {{{0.5f, 0.5f, -9}, {0.5f, 0.5f, -9}}, true},     //
       {{{0, 0, -12}, {5, 5, -12}}, false},              // flat
-      {{{9, -100, -12}, {9, 100, -12}}, false},   // a line from end to end
+      {{{9, -100, -12}, {9, 100, -12}}, false},         // a line from end to end
       {{{-100, 0, -12}, {100, 0, -12}}, true},          // that also crosses the open quarter
       {Box{}, true},                                    // left to the frustum
       {{{0, 0, -inf}, {1, 1, -11}}, true},              //
