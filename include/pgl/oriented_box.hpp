@@ -41,8 +41,8 @@ namespace detail {
 
 // How a box is found, after the DiTO boxes of Larsson and Källberg (2011): the vertices that reach farthest along 13
 // fixed directions, both ways, stand for the mesh; triangles among them, and the mesh's largest triangle, give
-// orientations to try on them; the best is improved by small turns; what is left over, and the coordinate axes, are
-// tried on all vertices. What decides is the surface, which still tells orientations apart when the mesh is flat.
+// orientations to try on them; three searches improve on the best by small turns; what wins, and a few more, are tried
+// on all vertices. What decides is the surface, which still tells orientations apart when the mesh is flat.
 
 inline constexpr int box_directions = 13;
 inline constexpr int box_points = 2 * box_directions;
@@ -273,7 +273,8 @@ struct BoxSearch {
   double turn = 0.25;  ///< tangent of half the angle
 };
 inline constexpr int box_turns = 6;
-inline constexpr int box_search_steps = 24;
+inline constexpr int box_searches = 3;
+inline constexpr int box_search_steps = 16;
 
 /// The axes after the search's next turn, one of box_turns.
 PGL_HD inline BoxAxes turned(const BoxSearch& search, int number) {
@@ -287,6 +288,22 @@ PGL_HD inline BoxAxes turned(const BoxSearch& search, int number) {
     r.axis[i][axis] = ieee::add(ieee::mul(c, u[axis]), ieee::mul(s, v[axis]));
     r.axis[j][axis] = ieee::sub(ieee::mul(c, v[axis]), ieee::mul(s, u[axis]));
   }
+  return r;
+}
+
+/// Where search `number` starts: from the best candidate, from the coordinate axes, and from the best candidate turned
+/// by 45 degrees about two of its axes, as far away as axes can be.
+PGL_HD inline BoxSearch search_start(const Vector<double>* points, const BoxAxes& best, int number) {
+  BoxSearch r;
+  r.axes = number == 1 ? coordinate_axes() : best;
+  if (number == 2) {
+    BoxSearch far;
+    far.axes = best;
+    far.turn = 0.41421356237309503;
+    far.axes = turned(far, 0);
+    r.axes = turned(far, 2);
+  }
+  r.cost = box_cost(points, r.axes);
   return r;
 }
 
@@ -306,7 +323,7 @@ PGL_HD inline BoxSearch advance(const BoxSearch& search, const double* costs) {
 }
 
 /// The orientations that are tried on all vertices, beside the coordinate axes, which need no trying: the best
-/// candidate, what the search made of it, and those of the largest triangle.
+/// candidate, what the best search found, and those of the largest triangle.
 inline constexpr int box_finalists = 2 + largest_triangle_axes;
 
 /// Axes as a box stores them.
@@ -390,6 +407,23 @@ PGL_HD inline OrientedBox box_around(const FloatAxes& axes, const Reach* reach, 
   if (other_hand)
     for (int i = 0; i < 3; ++i) box.axes[2][i] = ieee::sub(0.0f, box.axes[2][i]);
   return box;
+}
+
+/// The box of the orientation that turned out best on all vertices: of the coordinate axes and the finalists, whose
+/// reaches are at reaches[3 * finalist]; ties to the first.
+PGL_HD inline OrientedBox best_box(const Extreme* extremes, const FloatAxes* finalists, const Reach* reaches) {
+  Reach reach[3];
+  reach_of_extremes(extremes, reach);
+  FloatAxes axes = rounded(coordinate_axes());
+  double least = box_cost(reach);
+  for (int f = 0; f < box_finalists; ++f) {
+    const double cost = box_cost(reaches + 3 * f);
+    if (!(cost < least)) continue;
+    least = cost;
+    axes = finalists[f];
+    for (int k = 0; k < 3; ++k) reach[k] = reaches[3 * f + k];
+  }
+  return box_around(axes, reach, extent_of(extremes));
 }
 
 /// A box whose third side is this much shorter than its first is flat: a sheet, but for rounding.

@@ -28,12 +28,11 @@ OrientedBox oriented_box(std::span<const glm::vec3> positions, std::span<const T
   if (extremes[0].vertex == Extreme::no_vertex) return OrientedBox{};
 
   // The extreme points, from the first of them.
-  const MeshExtent extent = extent_of(extremes.data());
   const Vector<double> origin(positions[extremes[0].vertex]);
   std::array<Vector<double>, box_points> points;
   for (int i = 0; i < box_points; ++i) points[i] = difference(Vector<double>(positions[extremes[i].vertex]), origin);
 
-  const AreaScale scale = area_scale(extent, static_cast<std::uint32_t>(triangles.size()));
+  const AreaScale scale = area_scale(extent_of(extremes.data()), static_cast<std::uint32_t>(triangles.size()));
   std::uint64_t units = 0;
   Extreme largest{0.0, Extreme::no_vertex};  // by triangle
   for (std::size_t t = 0; t < triangles.size(); ++t) {
@@ -50,40 +49,40 @@ OrientedBox oriented_box(std::span<const glm::vec3> positions, std::span<const T
                              : difference(Vector<double>(positions[triangles[largest.vertex].v[c]]), origin);
   find_box_corners(points.data(), corners);
 
-  BoxSearch search{coordinate_axes(), box_cost(points.data(), coordinate_axes())};
+  BoxAxes best = coordinate_axes();
+  double least = box_cost(points.data(), best);
   for (int number = 1; number < box_candidates; ++number) {
     const BoxAxes axes = candidate_axes(corners, number);
     const double cost = box_cost(points.data(), axes);
-    if (cost < search.cost) search = {axes, cost};
+    if (cost < least) {
+      least = cost;
+      best = axes;
+    }
   }
   std::array<FloatAxes, box_finalists> finalists;
-  finalists[0] = rounded(search.axes);
-  for (int step = 0; step < box_search_steps; ++step) {
-    double costs[box_turns];
-    for (int turn = 0; turn < box_turns; ++turn) costs[turn] = box_cost(points.data(), turned(search, turn));
-    search = advance(search, costs);
+  finalists[0] = finalists[1] = rounded(best);
+  for (int number = 0; number < box_searches; ++number) {
+    BoxSearch search = search_start(points.data(), best, number);
+    for (int step = 0; step < box_search_steps; ++step) {
+      double costs[box_turns];
+      for (int turn = 0; turn < box_turns; ++turn) costs[turn] = box_cost(points.data(), turned(search, turn));
+      search = advance(search, costs);
+    }
+    if (search.cost < least) {
+      least = search.cost;
+      finalists[1] = rounded(search.axes);
+    }
   }
-  finalists[1] = rounded(search.axes);
   for (int edge = 0; edge < largest_triangle_axes; ++edge)
     finalists[2 + edge] = rounded(candidate_axes(corners, 1 + edge));
 
-  std::array<std::array<Reach, 3>, box_finalists> reaches;
+  std::array<Reach, 3 * box_finalists> reaches;
   for (const glm::vec3& p : positions) {
     if (!is_finite_point(p)) continue;
-    for (int f = 0; f < box_finalists; ++f)
-      for (int k = 0; k < 3; ++k) reaches[f][k] = with(reaches[f][k], reach_along(finalists[f].axis[k], p));
+    for (int i = 0; i < 3 * box_finalists; ++i)
+      reaches[i] = with(reaches[i], reach_along(finalists[i / 3].axis[i % 3], p));
   }
-  std::array<Reach, 3> reach;
-  reach_of_extremes(extremes.data(), reach.data());
-  FloatAxes axes = rounded(coordinate_axes());
-  double cost = box_cost(reach.data());
-  for (int f = 0; f < box_finalists; ++f)
-    if (const double of_finalist = box_cost(reaches[f].data()); of_finalist < cost) {
-      cost = of_finalist;
-      reach = reaches[f];
-      axes = finalists[f];
-    }
-  const OrientedBox box = box_around(axes, reach.data(), extent);
+  const OrientedBox box = best_box(extremes.data(), finalists.data(), reaches.data());
   compactness = compactness_of(box, units, scale);
   return box;
 }
@@ -93,7 +92,7 @@ OrientedBox oriented_box(std::span<const glm::vec3> positions, std::span<const T
 /// Writes an oriented box around each mesh, and how compact the mesh is. Once per model.
 ///
 /// boxes[m] holds every vertex of mesh m with finite coordinates (exactly, see OrientedBox); others are ignored, as in
-/// bounds, and no finite vertex gives the empty box. It is not always the least: its surface was at most 1.2 times the
+/// bounds, and no finite vertex gives the empty box. It is not always the least: its surface was at most 1.15 times the
 /// least one's on the shapes that the tests try, and a box-shaped mesh gets its own box up to rounding.
 ///
 /// compactness[m], from 0 to 1, is the area of the mesh's triangles over the surface of its box, at most 1: our reading
