@@ -64,6 +64,16 @@ struct Postponed {
   std::uint64_t entries;  // of the table
 };
 
+/// What the tiles need of an object, found once: its mesh, its place in the frame, whether it is mirrored.
+struct alignas(16) Digest {
+  std::uint64_t first_vertex;
+  std::uint64_t first_triangle;
+  std::uint32_t vertices;  // of the whole mesh
+  std::uint32_t count;
+  std::uint32_t base;
+  std::uint32_t mirror;
+};
+
 /// An object in a warp's tile.
 template <class Index>
 struct Shown {
@@ -125,10 +135,12 @@ __device__ void fill_table(const Index* ecol, std::uint32_t count, std::uint32_t
 }
 
 /// Notes for every tile of the output which object holds its first triangle: a search by each tile would read more than
-/// the tile itself. A thread per object; a warp together where one has many tiles. Also, nothing is postponed yet.
+/// the tile itself; and for every object with triangles what its tiles would each look up again. A thread per object; a
+/// warp together where one has many tiles. Also, nothing is postponed yet.
 template <class Index>
-__global__ void tiles_kernel(Scene<Index> scene, Postponed<Index> postponed, detail::TileStart start, unsigned tile,
-                             std::uint32_t* first_objects) {
+__global__ void __launch_bounds__(1024)
+    tiles_kernel(Scene<Index> scene, Postponed<Index> postponed, detail::TileStart start, unsigned tile,
+                 std::uint32_t* first_objects, Digest* digests) {
   const std::uint64_t i = std::uint64_t{blockIdx.x} * blockDim.x + threadIdx.x;
   if (i == 0) *postponed.size = 0;
   if (i % 32 == 0 && i < scene.size) postponed.marks[i / 32] = 0;
@@ -138,6 +150,16 @@ __global__ void tiles_kernel(Scene<Index> scene, Postponed<Index> postponed, det
     if (begin < end) {
       first = begin == 0 ? 0 : (begin + start.lead + tile - 1) / tile;
       last = (end + start.lead + tile - 1) / tile;
+      const Object& object = scene.objects[i];
+      const Mesh& mesh = scene.meshes[object.mesh];
+      PGL_ASSERT(mesh.first_vertex + mesh.max_vertices <= scene.ecol_size);
+      digests[i] = {.first_vertex = mesh.first_vertex,
+                    .first_triangle = mesh.first_triangle,
+                    .vertices = mesh.max_vertices,
+                    .count = scene.counts[i],
+                    .base = scene.vertex_offsets == nullptr ? 0u : static_cast<std::uint32_t>(scene.vertex_offsets[i]),
+                    .mirror = mirrored(object.transform) ? 1u : 0u};
+      PGL_ASSERT(scene.counts[i] > 0 && scene.counts[i] >= mesh.min_vertices && scene.counts[i] <= mesh.max_vertices);
     }
   }
   constexpr std::uint64_t few = 4;
@@ -159,7 +181,7 @@ template <class Tune, class OutIndex, class Index>
 __global__ void __launch_bounds__(1024)
     reform_kernel(Scene<Index> scene, Postponed<Index> postponed, Triangle<OutIndex>* out,
                   [[maybe_unused]] std::uint64_t out_size, detail::TileStart start, const std::uint32_t* first_objects,
-                  unsigned area_bytes) {
+                  const Digest* digests, unsigned area_bytes) {
   static_assert(Tune::rows >= 1 && Tune::rows <= 4);
   constexpr unsigned tile = 32 * Tune::rows;
   extern __shared__ uint4 pgl_shared_memory[];
@@ -187,19 +209,15 @@ __global__ void __launch_bounds__(1024)
           std::uintptr_t copy_from = 0;
           unsigned copied = 0;
           if (part.size != 0) {
-            const Object& object = scene.objects[part.object];
-            const Mesh& mesh = scene.meshes[object.mesh];
-            ecol = scene.ecol + mesh.first_vertex;
+            const Digest object = digests[part.object];
+            ecol = scene.ecol + object.first_vertex;
             mine.ecol = ecol;
-            mine.from = mesh.first_triangle + (origin - part.begin);
-            mine.base =
-                scene.vertex_offsets == nullptr ? 0 : static_cast<std::uint32_t>(scene.vertex_offsets[part.object]);
-            mine.count = scene.counts[part.object];
-            mine.vertices = mesh.max_vertices;
+            mine.from = object.first_triangle + (origin - part.begin);
+            mine.base = object.base;
+            mine.count = object.count;
+            mine.vertices = object.vertices;
             mine.lane = static_cast<std::uint16_t>(lane);
-            mine.mirror = mirrored(object.transform) ? 1 : 0;
-            PGL_ASSERT(mesh.first_vertex + mesh.max_vertices <= scene.ecol_size);
-            PGL_ASSERT(mine.count > 0 && mine.count >= mesh.min_vertices && mine.count <= mesh.max_vertices);
+            mine.mirror = static_cast<std::uint16_t>(object.mirror);
             if (Tune::most_steps != 0 && mine.count < mine.vertices) {
               copy_from = reinterpret_cast<std::uintptr_t>(ecol + mine.count) & ~std::uintptr_t{15};
               const auto copy_end = (reinterpret_cast<std::uintptr_t>(ecol + mine.vertices) + 15) & ~std::uintptr_t{15};
@@ -387,12 +405,14 @@ struct Scratch {
   One* one;
   Postponed<Index> postponed;
   std::uint32_t* first_objects;  // per tile
+  Digest* digests;
   std::size_t bytes;
 
   Scratch(void* memory, std::size_t objects, std::uint64_t largest_mesh, std::uint64_t triangles) {
     detail::Parts parts(memory);
     one = parts.take<One>(1);
     first_objects = parts.take<std::uint32_t>(triangles / 32 + 2);  // the smallest tile
+    digests = parts.take<Digest>(objects);
     postponed.size = parts.take<std::uint32_t>(1 + (objects + 31) / 32);
     postponed.marks = memory == nullptr ? nullptr : postponed.size + 1;
     postponed.list = parts.take<std::uint32_t>(objects);
@@ -404,7 +424,7 @@ struct Scratch {
 
 }  // namespace reform_detail
 
-/// Scratch of reform on the device: 4 bytes and a bit per object, an Index per vertex of the largest mesh, of which at
+/// Scratch of reform on the device: 36 bytes and a bit per object, an Index per vertex of the largest mesh, of which at
 /// least 2^22, and a bit per triangle of the output. It only grows, and a warm call allocates nothing; its contents on
 /// entry do not matter.
 template <class Index>
@@ -455,11 +475,11 @@ template <class Tune, class OutIndex, class Index>
   const auto kernel = reform_kernel<Tune, OutIndex, Index>;
   const std::uint64_t tiles = (out.size() + start.lead + 32 * Tune::rows - 1) / (32 * Tune::rows);
   PGL_CUDA_TRY(detail::run(tiles_kernel<Index>, detail::blocks_for(scene.size, launch.block_threads), 0, launch, scene,
-                           scratch.postponed, start, 32u * Tune::rows, scratch.first_objects));
+                           scratch.postponed, start, 32u * Tune::rows, scratch.first_objects, scratch.digests));
   std::uint64_t blocks = 0;
   PGL_CUDA_TRY(detail::tile_blocks(kernel, tiles, warps * area_bytes, Tune::waves, launch, blocks));
   PGL_CUDA_TRY(detail::run(kernel, blocks, warps * area_bytes, launch, scene, scratch.postponed, out.data(), out.size(),
-                           start, scratch.first_objects, area_bytes));
+                           start, scratch.first_objects, scratch.digests, area_bytes));
   if (!may_postpone) return cudaSuccess;
   return detail::run_cooperative(finish_kernel<OutIndex, Index>, finish_blocks, 0, launch, scene, scratch.postponed,
                                  out.data());
