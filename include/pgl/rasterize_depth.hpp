@@ -357,21 +357,23 @@ PGL_HD inline bool is_drawable(const DepthVertex& v) {
   return v.place_error < ieee::infinity<double>;
 }
 
-/// Calls draw(triangle), up to twice, for what is behind the near plane of a triangle of the world, by its corners in
-/// clip space. For triangles with a corner that is not drawable; the others give depth_triangle of their corners.
-template <class Draw>
-PGL_HD void for_each_cut_triangle(const DepthView& view, const ClipVertex* corners, Draw&& draw) {
+/// Prepares what is behind the near plane of a triangle of the world, by its corners in clip space: writes up to two
+/// triangles with something to draw, and returns how many. For triangles with a corner that is not drawable; the others
+/// are depth_triangle of their corners.
+PGL_HD inline int cut_depth_triangle(const DepthView& view, const ClipVertex* corners, DepthTriangle* out) {
   ClipVertex cut[4];
   const int count = cut_at_near_plane(corners, cut);
-  if (count == 0) return;
+  if (count == 0) return 0;
   const DepthVertex first = depth_vertex(view, cut[0]);
   DepthVertex previous = depth_vertex(view, cut[1]);
+  int triangles = 0;
   for (int k = 2; k < count; ++k) {
     const DepthVertex next = depth_vertex(view, cut[k]);
-    const DepthTriangle triangle = depth_triangle(view, first, previous, next);
-    if (triangle.columns > 0) draw(triangle);
+    out[triangles] = depth_triangle(view, first, previous, next);
+    if (out[triangles].columns > 0) ++triangles;
     previous = next;
   }
+  return triangles;
 }
 
 }  // namespace pgl

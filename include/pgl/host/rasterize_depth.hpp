@@ -129,7 +129,9 @@ void rasterize_depth(std::span<const Mesh> meshes, std::span<const Object> objec
         ClipVertex corners[3];
         for (int k = 0; k < 3; ++k)
           corners[k] = clip_vertex(depth_view, transform_point(object.transform, vertices[mesh.first_vertex + t.v[k]]));
-        for_each_cut_triangle(depth_view, corners, draw);
+        DepthTriangle cut[2];
+        const int count = cut_depth_triangle(depth_view, corners, cut);
+        for (int k = 0; k < count; ++k) draw(cut[k]);
       }
     }
   };
