@@ -10,8 +10,10 @@
 
 #include "pgl/host/bounds.hpp"
 #include "pgl/host/build_ecol.hpp"
+#include "pgl/host/oriented_box.hpp"
 #include "pgl/host/parallel.hpp"
 #include "pgl/host/rearrange.hpp"
+#include "pgl/host/select_occluders.hpp"
 #include "scene/error.hpp"
 #include "scene/for_each.hpp"
 
@@ -157,9 +159,22 @@ Model<Index> build_model(const MeshSource& source, std::vector<pgl::Object> obje
   }
   model.map.resize(map_entries);
 
+  model.oriented_boxes.resize(source.count);
+  model.compactness.resize(source.count);
+  for_each(source.count, progress, "boxes", [&](std::size_t m) {
+    pgl::host::oriented_boxes<Index>(std::span<const pgl::Mesh>(model.meshes).subspan(m, 1), model.vertices,
+                                     model.triangles, model.map, std::span(model.oriented_boxes).subspan(m, 1),
+                                     std::span(model.compactness).subspan(m, 1));
+  });
+
   model.objects = std::move(objects);
   model.object_boxes.resize(model.objects.size());
   pgl::host::object_bounds(model.objects, model.mesh_boxes, model.object_boxes);
+  model.faces.resize(model.objects.size());
+  model.compactness_order.resize(model.objects.size());
+  pgl::host::occluder_faces(model.objects, model.oriented_boxes, model.compactness, model.faces);
+  pgl::host::OccluderWorkspace workspace;
+  pgl::host::compactness_order(model.faces, workspace, model.compactness_order);
   if (report) report->open_vertices = open_vertices;
   return model;
 }

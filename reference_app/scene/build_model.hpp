@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Preprocesses a scene: collapse order, rearrangement and boxes of every mesh, on all cores.
+// Preprocesses a scene: collapse order, rearrangement, boxes and compactness of every mesh, on all cores.
 #pragma once
 
 #include <cstddef>
@@ -9,6 +9,8 @@
 #include <vector>
 
 #include "pgl/build_ecol.hpp"
+#include "pgl/oriented_box.hpp"
+#include "pgl/select_occluders.hpp"
 #include "pgl/types.hpp"
 #include "scene/mesh_data.hpp"
 
@@ -18,7 +20,8 @@ namespace pgl::scene {
 ///
 /// meshes[m] owns ranges of vertices, triangles, ecol and map, which follow each other in the order of the meshes
 /// without gaps; vertices and triangles of each are in the order of their removal, last first. A mesh of no vertices
-/// has one map entry, 0. object_boxes are in the world, mesh_boxes in the space of the mesh.
+/// has one map entry, 0. object_boxes and faces are in the world, mesh_boxes and oriented_boxes in the space of the
+/// mesh. compactness_order lists the objects, the most compact first.
 template <class Index>
 struct Model {
   std::vector<pgl::Mesh> meshes;
@@ -29,6 +32,10 @@ struct Model {
   std::vector<std::uint32_t> map;
   std::vector<pgl::Box> mesh_boxes;
   std::vector<pgl::Box> object_boxes;
+  std::vector<pgl::OrientedBox> oriented_boxes;
+  std::vector<float> compactness;  ///< of each mesh
+  std::vector<pgl::OccluderFace> faces;
+  std::vector<std::uint32_t> compactness_order;
 };
 
 using AnyModel = std::variant<Model<std::uint16_t>, Model<std::uint32_t>>;
@@ -55,12 +62,12 @@ struct BuildReport {
 
 /// Builds a model from meshes and the objects that place them.
 ///
-/// Every mesh goes through pgl::host::build_ecol (in float) and pgl::host::rearrange. Meshes are built in parallel,
-/// each thread with its own workspace; the result is the same for any number of threads. Memory: the result, one entry
-/// of map per vertex that never collapses, and per thread one mesh and its workspace. `report` may be null. Throws
-/// Error when an object names a mesh that is not there, a mesh has too many vertices for Index (65536 or 2^32 - 1), or
-/// the source's sizes and meshes disagree; whatever the source or `progress` throws goes through. No meshes and no
-/// objects give an empty model. Progress: stage "build", in meshes.
+/// Every mesh goes through pgl::host::build_ecol (in float), rearrange and oriented_boxes. Meshes are built in
+/// parallel, each thread with its own workspace; the result is the same for any number of threads. Memory: the result,
+/// one entry of map per vertex that never collapses, and per thread one mesh and its workspace. `report` may be null.
+/// Throws Error when an object names a mesh that is not there, a mesh has too many vertices for Index (65536 or 2^32 -
+/// 1), or the source's sizes and meshes disagree; whatever the source or `progress` throws goes through. No meshes and
+/// no objects give an empty model. Progress: stages "build" and "boxes", in meshes.
 template <class Index>
 Model<Index> build_model(const MeshSource& source, std::vector<pgl::Object> objects, const pgl::EcolOptions& options,
                          const Progress& progress = {}, BuildReport* report = nullptr);

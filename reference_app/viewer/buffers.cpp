@@ -50,9 +50,7 @@ DrawBuffers::DrawBuffers() {
   glGenVertexArrays(1, &vertex_array_);
   glGenBuffers(1, &vertex_buffer_);
   glGenBuffers(1, &index_buffer_);
-  glBindVertexArray(vertex_array_);
-  glBindBuffer(GL_ARRAY_BUFFER, vertex_buffer_);
-  glBindBuffer(GL_ELEMENT_ARRAY_BUFFER, index_buffer_);
+  bind();
   glEnableVertexAttribArray(0);
   glEnableVertexAttribArray(1);
   constexpr GLsizei stride = sizeof(PlacedVertex);
@@ -67,8 +65,15 @@ DrawBuffers::~DrawBuffers() {
   glDeleteVertexArrays(1, &vertex_array_);
 }
 
+void DrawBuffers::bind() const {
+  glBindVertexArray(vertex_array_);
+  glBindBuffer(GL_ARRAY_BUFFER, vertex_buffer_);
+  glBindBuffer(GL_ELEMENT_ARRAY_BUFFER, index_buffer_);
+}
+
 void DrawBuffers::upload(std::span<const PlacedVertex> vertices, std::span<const Triangle<std::uint32_t>> triangles) {
   refuse_too_many(triangles.size());
+  bind();
   fill_buffer(GL_ARRAY_BUFFER, vertices.size_bytes(), vertices.data(), GL_STREAM_DRAW, "vertex");
   fill_buffer(GL_ELEMENT_ARRAY_BUFFER, triangles.size_bytes(), triangles.data(), GL_STREAM_DRAW, "index");
   vertices_ = vertex_room_ = vertices.size();
@@ -82,6 +87,7 @@ bool DrawBuffers::has_room(std::size_t vertices, std::size_t triangles) const {
 void DrawBuffers::make_room(std::size_t vertices, std::size_t triangles) {
   refuse_too_many(triangles);
   vertices_ = triangles_ = 0;
+  bind();
   const auto grow = [](GLenum target, std::size_t& room, std::size_t wanted, std::size_t size, const char* what) {
     if (std::max<std::size_t>(wanted, 1) <= room) return;
     const std::size_t more = std::max({wanted, room + room / 2, std::size_t{1024}});
@@ -100,10 +106,12 @@ void DrawBuffers::set_drawn(std::size_t vertices, std::size_t triangles) {
 }
 
 void DrawBuffers::draw() const {
+  bind();
   glDrawElements(GL_TRIANGLES, static_cast<GLsizei>(triangles_ * 3), GL_UNSIGNED_INT, nullptr);
 }
 
 std::uint64_t DrawBuffers::checksum() const {
+  bind();
   const std::uint64_t hash = hash_buffer(GL_ARRAY_BUFFER, vertices_ * sizeof(PlacedVertex), fnv1a_start);
   return hash_buffer(GL_ELEMENT_ARRAY_BUFFER, triangles_ * sizeof(Triangle<std::uint32_t>), hash);
 }

@@ -44,6 +44,8 @@ class DrawBuffers {
   std::uint64_t checksum() const;
 
  private:
+  void bind() const;  ///< another's may be bound
+
   unsigned vertex_array_ = 0, vertex_buffer_ = 0, index_buffer_ = 0;
   std::size_t vertices_ = 0, triangles_ = 0;
   std::size_t vertex_room_ = 0, triangle_room_ = 0;

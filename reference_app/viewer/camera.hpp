@@ -41,15 +41,22 @@ void each_corner(const Box& box, Visit&& visit) {
   }
 }
 
-/// A camera that looks from a raised corner, as near as it can be with the whole (non-empty) box in the picture.
-inline Camera fit_camera(const Box& box, const glm::dvec3& up, double fov_degrees, double aspect) {
-  // Two horizontal directions that go with the up axis; the view is from between them and above.
-  const glm::dvec3 side(up.z, up.x, up.y);
-  const glm::dvec3 front = glm::cross(side, up);
+/// Two horizontal directions that go with the up axis.
+inline glm::dvec3 side_of(const glm::dvec3& up) {
+  return {up.z, up.x, up.y};
+}
+inline glm::dvec3 front_of(const glm::dvec3& up) {
+  return glm::cross(side_of(up), up);
+}
+
+/// A camera that looks along -direction, as near as it can be with the whole (non-empty) box in the picture.
+inline Camera fit_camera(const Box& box, const glm::dvec3& direction, const glm::dvec3& up, double fov_degrees,
+                         double aspect) {
   Camera camera;
   camera.up = up;
   camera.fov_degrees = fov_degrees;
-  camera.eye = glm::normalize(0.55 * side + 0.8 * front + 0.5 * up);
+  camera.eye = glm::normalize(direction);
+  camera.target = glm::dvec3(0.0);
   const CameraAxes axes = axes_of(camera);
 
   // In the camera's axes, from the middle of the box: a corner c is in the picture of an eye at (x, y, z) where
@@ -72,6 +79,30 @@ inline Camera fit_camera(const Box& box, const glm::dvec3& up, double fov_degree
   camera.target = middle + axes.right * eye.x + axes.up * eye.y;
   camera.eye = camera.target + axes.forward * z;
   return camera;
+}
+
+/// A camera that looks from a raised corner at the whole (non-empty) box.
+inline Camera fit_camera(const Box& box, const glm::dvec3& up, double fov_degrees, double aspect) {
+  return fit_camera(box, 0.55 * side_of(up) + 0.8 * front_of(up) + 0.5 * up, up, fov_degrees, aspect);
+}
+
+/// A camera that looks from a raised corner at the whole box and at another camera within or beside it: of the four
+/// corners from the one beside and a little behind that camera, so that what it sees and what is hidden from it show.
+inline Camera reference_camera(Box box, const Camera& camera, double aspect) {
+  const glm::vec3 eye(camera.eye);
+  box.min = glm::min(box.min, eye);
+  box.max = glm::max(box.max, eye);
+  const CameraAxes axes = axes_of(camera);
+  const glm::dvec3 liked = axes.right - 0.5 * axes.forward, side = side_of(camera.up), front = front_of(camera.up);
+  glm::dvec3 best(0.0);
+  double most = -std::numeric_limits<double>::infinity();
+  for (int corner = 0; corner < 4; ++corner) {
+    const glm::dvec3 level = (corner & 1 ? 0.7 : -0.7) * side + (corner & 2 ? 0.7 : -0.7) * front;
+    if (glm::dot(level, liked) <= most) continue;
+    most = glm::dot(level, liked);
+    best = level;
+  }
+  return fit_camera(box, best + 0.8 * camera.up, camera.up, 35.0, aspect);
 }
 
 /// The view of the camera on a picture of that size. The near and far planes hold the whole box between them, the near

@@ -17,12 +17,16 @@
 #include <vector>
 
 #include "pgl/cuda/buffer.cuh"
+#include "pgl/cuda/build_hzm.cuh"
 #include "pgl/cuda/cull_frustum.cuh"
+#include "pgl/cuda/cull_occluded.cuh"
 #include "pgl/cuda/distribute_budget.cuh"
 #include "pgl/cuda/gather.cuh"
 #include "pgl/cuda/launch.cuh"
 #include "pgl/cuda/project.cuh"
+#include "pgl/cuda/rasterize_depth.cuh"
 #include "pgl/cuda/reform.cuh"
+#include "pgl/cuda/select_occluders.cuh"
 #include "viewer/buffers.hpp"
 #include "viewer/frame.hpp"
 
@@ -164,6 +168,8 @@ class CudaBackend {
   using Input = DeviceArray<T>;
   template <class T>
   using Array = DeviceArray<T>;
+  using OccluderWorkspace = cuda::OccluderWorkspace;
+  using DepthWorkspace = cuda::DepthWorkspace;
   using BudgetWorkspace = cuda::BudgetWorkspace;
   template <class Index>
   using ReformWorkspace = cuda::ReformWorkspace<Index>;
@@ -195,6 +201,20 @@ class CudaBackend {
     must(cuda::vertex_limits(arguments..., launch()), "finding the ranges of the objects");
   }
   void cull_frustum(auto&&... arguments) { must(cuda::cull_frustum(arguments..., launch()), "culling"); }
+  void select_occluders(auto&&... arguments) {
+    must(cuda::select_occluders(arguments..., launch()), "choosing occluders");
+  }
+  void clear(std::span<Depth> depths) {
+    static_assert(far_depth == 0xffffffffu);
+    must(cudaMemsetAsync(depths.data(), 0xff, depths.size_bytes(), queue_.stream()), "clearing the depth");
+  }
+  void rasterize_depth(auto&&... arguments) {
+    must(cuda::rasterize_depth(arguments..., launch()), "drawing the occluders");
+  }
+  void build_hzm(auto&&... arguments) { must(cuda::build_hzm(arguments..., launch()), "building the depth's levels"); }
+  void cull_occluded(auto&&... arguments) {
+    must(cuda::cull_occluded(arguments..., launch()), "culling what is hidden");
+  }
   void project(auto&&... arguments) {
     must(cuda::project(arguments..., std::span<ScreenBox>{}, launch()), "projecting");
   }

@@ -26,8 +26,10 @@ int choose_gpu();
 /// Where the OpenGL context is of that GPU's driver (`gl_vendor` says NVIDIA), frames are written straight into
 /// `buffers`; otherwise they are copied back and uploaded, and info().note says why. Throws std::runtime_error.
 std::unique_ptr<AnyFrame> make_cuda_frame(const scene::Model<std::uint16_t>& model, std::uint32_t min_triangles,
-                                          DrawBuffers& buffers, const std::string& gl_vendor);
+                                          const OcclusionOptions& occlusion, DrawBuffers& buffers,
+                                          const std::string& gl_vendor);
 std::unique_ptr<AnyFrame> make_cuda_frame(const scene::Model<std::uint32_t>& model, std::uint32_t min_triangles,
-                                          DrawBuffers& buffers, const std::string& gl_vendor);
+                                          const OcclusionOptions& occlusion, DrawBuffers& buffers,
+                                          const std::string& gl_vendor);
 
 }  // namespace pgl::viewer

@@ -12,11 +12,16 @@
 #include <string>
 #include <vector>
 
+#include "pgl/build_hzm.hpp"
+#include "pgl/depth.hpp"
 #include "pgl/distribute_budget.hpp"
 #include "pgl/gather.hpp"
+#include "pgl/host/select_occluders.hpp"
+#include "pgl/select_occluders.hpp"
 #include "pgl/types.hpp"
 #include "scene/build_model.hpp"
 #include "viewer/buffers.hpp"
+#include "viewer/occlusion.hpp"
 
 namespace pgl::viewer {
 
@@ -36,7 +41,16 @@ class Stopwatch {
 
 /// What each step of a frame took, in milliseconds. Upload: handing the buffers over, to OpenGL and back.
 struct FrameTimes {
-  double cull = 0.0, project = 0.0, budget = 0.0, reform = 0.0, gather = 0.0, upload = 0.0;
+  double cull = 0.0, occluders = 0.0, depth = 0.0, hzm = 0.0, occlusion = 0.0;
+  double project = 0.0, budget = 0.0, reform = 0.0, gather = 0.0, upload = 0.0;
+};
+
+/// What a frame chose, by object.
+struct Selection {
+  std::vector<std::uint32_t> counts;     ///< vertices drawn
+  std::vector<std::uint8_t> in_view;     ///< 1: may be in the frustum
+  std::vector<std::uint8_t> visible;     ///< 1: that, and not known to be hidden
+  std::vector<std::uint32_t> occluders;  ///< objects that were drawn into the depth
 };
 
 /// What prepares the frames.
@@ -62,7 +76,7 @@ class AnyFrame {
 
   /// Of the last frame.
   virtual std::uint64_t objects_drawn() const = 0;
-  virtual std::uint64_t objects_in_view() = 0;
+  virtual Selection selection() = 0;
 
   virtual BackendInfo info() const = 0;
 };
@@ -74,8 +88,10 @@ class AnyFrame {
 /// - Array<T>: working memory, made empty or from a std::vector<T>, with resize();
 /// - the steps, under the names and with the arguments of pgl::host; distribute_budget has at its end where the totals
 ///   go, in such an array;
-/// - BudgetWorkspace, ReformWorkspace<Index>: their scratch; reserve(ReformWorkspace, objects, vertices of the largest
-///   mesh);
+/// - BudgetWorkspace, ReformWorkspace<Index>, OccluderWorkspace, DepthWorkspace: their scratch;
+/// reserve(ReformWorkspace,
+///   objects, vertices of the largest mesh);
+/// - clear(depths): makes them all far_depth;
 /// - finish(): waits until the results are there;
 /// - fetch(pointers to elements...): their values, as a tuple; download(span): its elements, as a vector;
 /// - begin_drawing(vertices, triangles): where reform and gather write, as spans; end_drawing(): shows it to OpenGL;
@@ -90,8 +106,10 @@ class Frame final : public AnyFrame {
 
   /// `model` and what the backend is made of must outlive the frame. A drawn object keeps at least min_triangles
   /// triangles, or all that it has.
-  Frame(const scene::Model<Index>& model, std::uint32_t min_triangles, auto&&... backend)
+  Frame(const scene::Model<Index>& model, std::uint32_t min_triangles, const OcclusionOptions& occlusion,
+        auto&&... backend)
       : backend_(backend...),
+        occlusion_(occlusion.mode != OcclusionMode::off),
         meshes_(model.meshes),
         objects_(model.objects),
         vertices_(model.vertices),
@@ -99,10 +117,16 @@ class Frame final : public AnyFrame {
         ecol_(model.ecol),
         map_(model.map),
         boxes_(model.object_boxes),
+        faces_(model.faces),
+        candidates_(occlusion_ ? candidates(model, occlusion.compactness) : std::vector<std::uint32_t>()),
         mesh_of_object_(mesh_numbers(model.objects)) {
     const std::size_t n = model.objects.size();
     for (auto* counts : {&min_vertices_, &max_vertices_, &counts_, &triangle_counts_}) counts->resize(n);
     in_view_.resize(n);
+    if (occlusion_) {
+      visible_.resize(n);
+      occluders_.resize(std::min(occlusion.aos, candidates_.size()));
+    }
     areas_.resize(n);
     depths_.resize(n);
     vertex_offsets_.resize(n + 1);
@@ -127,7 +151,10 @@ class Frame final : public AnyFrame {
     backend_.cull_frustum(std::span(boxes_), view, std::span(in_view_));
     ms.cull = lap();
 
-    backend_.project(std::span(boxes_), std::span(in_view_), view, std::span(areas_), std::span(depths_));
+    if (occlusion_) cull_occluded(view, ms, lap);
+
+    const std::span<std::uint8_t> visible(occlusion_ ? visible_ : in_view_);
+    backend_.project(std::span(boxes_), visible, view, std::span(areas_), std::span(depths_));
     ms.project = lap();
 
     options.near_depth = view.near_depth;
@@ -163,13 +190,48 @@ class Frame final : public AnyFrame {
   }
 
   std::uint64_t objects_drawn() const override { return drawn_; }
-  std::uint64_t objects_in_view() override {
-    const std::vector<std::uint8_t> in_view = backend_.download(std::span(in_view_));
-    return static_cast<std::uint64_t>(std::ranges::count(in_view, std::uint8_t{1}));
+  Selection selection() override {
+    Selection selection;
+    selection.counts = backend_.download(std::span(counts_));
+    selection.in_view = backend_.download(std::span(in_view_));
+    selection.visible = occlusion_ ? backend_.download(std::span(visible_)) : selection.in_view;
+    selection.occluders = backend_.download(std::span(occluders_));
+    std::erase(selection.occluders, no_object);
+    return selection;
   }
   BackendInfo info() const override { return backend_.info(); }
 
  private:
+  /// Writes `visible_`: of the objects in view those that a few others, drawn into the depth at full detail, do not
+  /// hide.
+  void cull_occluded(const View& view, FrameTimes& ms, auto&& lap) {
+    const DepthMap size = depth_map_of(view);
+    hzm_.resize(hzm_texels(size));
+    const std::span<Depth> hzm(hzm_), depth = hzm.first(std::size_t{size.width} * size.height);
+    backend_.select_occluders(std::span(candidates_), std::span(faces_), std::span(in_view_), view, occluder_workspace_,
+                              std::span(occluders_));
+    ms.occluders = lap();
+
+    backend_.clear(depth);
+    backend_.rasterize_depth(std::span(meshes_), std::span(objects_), std::span(vertices_), std::span(triangles_),
+                             std::span(map_), std::span(occluders_), view, size, depth_workspace_, depth);
+    ms.depth = lap();
+
+    backend_.build_hzm(size, hzm);
+    ms.hzm = lap();
+
+    backend_.cull_occluded(std::span(boxes_), std::span(in_view_), std::span(occluders_), view, size, hzm,
+                           std::span(visible_));
+    ms.occlusion = lap();
+  }
+
+  /// The objects that may hide others: those at least so compact, the most compact first.
+  static std::vector<std::uint32_t> candidates(const scene::Model<Index>& model, float compactness) {
+    std::vector<std::uint32_t> objects = model.compactness_order;
+    objects.resize(host::compact_objects(model.faces, objects, compactness));
+    return objects;
+  }
+
   static std::vector<std::uint32_t> mesh_numbers(const std::vector<Object>& objects) {
     std::vector<std::uint32_t> numbers(objects.size());
     std::ranges::transform(objects, numbers.begin(), &Object::mesh);
@@ -177,6 +239,7 @@ class Frame final : public AnyFrame {
   }
 
   Backend backend_;
+  const bool occlusion_;
   const Input<Mesh> meshes_;
   const Input<Object> objects_;
   const Input<glm::vec3> vertices_;
@@ -184,12 +247,19 @@ class Frame final : public AnyFrame {
   const Input<Index> ecol_;
   const Input<std::uint32_t> map_;
   const Input<Box> boxes_;
+  const Input<OccluderFace> faces_;
+  Array<std::uint32_t> candidates_;
+  Array<std::uint32_t> occluders_;
+  Array<std::uint8_t> visible_;  ///< with occlusion culling
+  Array<Depth> hzm_;
   Array<std::uint32_t> mesh_of_object_, min_vertices_, max_vertices_, counts_, triangle_counts_;
   Array<std::uint8_t> in_view_;
   Array<float> areas_, depths_;
   Array<std::uint64_t> vertex_offsets_, triangle_offsets_;
   Array<BudgetTotals> totals_;
   std::uint64_t drawn_ = 0;
+  typename Backend::OccluderWorkspace occluder_workspace_;
+  typename Backend::DepthWorkspace depth_workspace_;
   typename Backend::BudgetWorkspace budget_workspace_;
   typename Backend::template ReformWorkspace<Index> reform_workspace_;
 };

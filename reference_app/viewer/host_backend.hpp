@@ -2,17 +2,22 @@
 // The CPU as a backend of the frame.
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <span>
 #include <tuple>
 #include <vector>
 
+#include "pgl/host/build_hzm.hpp"
 #include "pgl/host/cull_frustum.hpp"
+#include "pgl/host/cull_occluded.hpp"
 #include "pgl/host/distribute_budget.hpp"
 #include "pgl/host/gather.hpp"
 #include "pgl/host/project.hpp"
+#include "pgl/host/rasterize_depth.hpp"
 #include "pgl/host/reform.hpp"
+#include "pgl/host/select_occluders.hpp"
 #include "viewer/buffers.hpp"
 #include "viewer/frame.hpp"
 
@@ -25,6 +30,8 @@ class HostBackend {
   using Input = std::span<const T>;
   template <class T>
   using Array = std::vector<T>;
+  using OccluderWorkspace = host::OccluderWorkspace;
+  using DepthWorkspace = host::DepthWorkspace;
   using BudgetWorkspace = host::BudgetWorkspace;
   template <class Index>
   using ReformWorkspace = host::ReformWorkspace<Index>;
@@ -36,6 +43,11 @@ class HostBackend {
 
   void vertex_limits(auto&&... arguments) { host::vertex_limits(arguments...); }
   void cull_frustum(auto&&... arguments) { host::cull_frustum(arguments...); }
+  void select_occluders(auto&&... arguments) { host::select_occluders(arguments...); }
+  void clear(std::span<Depth> depths) { std::ranges::fill(depths, far_depth); }
+  void rasterize_depth(auto&&... arguments) { host::rasterize_depth(arguments...); }
+  void build_hzm(auto&&... arguments) { host::build_hzm(arguments...); }
+  void cull_occluded(auto&&... arguments) { host::cull_occluded(arguments...); }
   void project(auto&&... arguments) { host::project(arguments...); }
   void distribute_budget(auto&& areas, auto&& depths, auto&& min_vertices, auto&& max_vertices, auto&& options,
                          auto&& workspace, auto&& counts, BudgetTotals* totals) {

@@ -35,6 +35,7 @@
 #include "viewer/host_backend.hpp"
 #include "viewer/options.hpp"
 #include "viewer/output.hpp"
+#include "viewer/reference.hpp"
 #include "viewer/renderer.hpp"
 #include "viewer/report.hpp"
 #include "viewer/window.hpp"
@@ -129,14 +130,59 @@ Box bounds_of(std::span<const Box> boxes) {
 }
 
 /// The times of one step over all frames, and of all steps, in the order of the work.
-struct Times {
-  std::array<std::vector<double>, 8> steps;
-  static constexpr std::array<const char*, 8> names = {"cull",   "project", "budget", "reform",
-                                                       "gather", "upload",  "draw",   "frame"};
-  void add(const std::array<double, 8>& ms) {
-    for (std::size_t i = 0; i < ms.size(); ++i) steps[i].push_back(ms[i]);
+class Times {
+ public:
+  void add(const FrameTimes& ms, double draw, double frame) {
+    for (std::size_t i = 0; i < steps.size(); ++i) steps_[i].push_back(ms.*steps[i].of);
+    draw_.push_back(draw);
+    frame_.push_back(frame);
   }
+  std::size_t frames() const { return frame_.size(); }
+
+  /// Appends the median of each, those of occlusion culling only `with_occlusion`.
+  void report(bool with_occlusion, std::vector<std::pair<std::string, double>>& ms) {
+    for (std::size_t i = 0; i < steps.size(); ++i) {
+      if (with_occlusion || !steps[i].occlusion) ms.emplace_back(steps[i].name, median(steps_[i]));
+    }
+    ms.emplace_back("draw", median(draw_));
+    ms.emplace_back("frame", median(frame_));
+  }
+
+ private:
+  struct Step {
+    const char* name;
+    double FrameTimes::*of;
+    bool occlusion;
+  };
+  static constexpr std::array<Step, 10> steps = {{{"cull", &FrameTimes::cull, false},
+                                                  {"occluders", &FrameTimes::occluders, true},
+                                                  {"depth", &FrameTimes::depth, true},
+                                                  {"hzm", &FrameTimes::hzm, true},
+                                                  {"occlusion", &FrameTimes::occlusion, true},
+                                                  {"project", &FrameTimes::project, false},
+                                                  {"budget", &FrameTimes::budget, false},
+                                                  {"reform", &FrameTimes::reform, false},
+                                                  {"gather", &FrameTimes::gather, false},
+                                                  {"upload", &FrameTimes::upload, false}}};
+  std::array<std::vector<double>, steps.size()> steps_;
+  std::vector<double> draw_, frame_;
 };
+
+/// The reference picture of what a frame chose, as large as the frame's own.
+template <class Index>
+Image draw_reference(const scene::Model<Index>& model, const Selection& selection, const Camera& camera,
+                     const View& seen, Box box, double extent) {
+  const auto width = static_cast<int>(seen.width), height = static_cast<int>(seen.height);
+  const Camera outside = reference_camera(box, camera, static_cast<double>(width) / height);
+  box.min = glm::min(box.min, glm::vec3(camera.eye));
+  box.max = glm::max(box.max, glm::vec3(camera.eye));
+  const View view = view_of(outside, box, width, height);
+  Renderer renderer;
+  renderer.draw_offscreen(width, height, 4);
+  const std::vector<Box> hidden = fill_reference(model, selection, view, renderer.buffers());
+  renderer.draw_reference(view, outside, extent, seen, hidden);
+  return renderer.read(width, height);
+}
 
 std::string title_of(std::uint64_t budget, std::size_t triangles, double ms) {
   char time[32];
@@ -148,17 +194,23 @@ template <class Index>
 std::unique_ptr<AnyFrame> make_frame(const Options& options, const scene::Model<Index>& model, Renderer& renderer) {
   if constexpr (built_with_cuda) {
     if (options.backend == BackendKind::cuda) {
-      return make_cuda_frame(model, options.min_triangles, renderer.buffers(), renderer.vendor());
+      return make_cuda_frame(model, options.min_triangles, options.occlusion, renderer.buffers(), renderer.vendor());
     }
   }
-  return std::make_unique<Frame<HostBackend, Index>>(model, options.min_triangles, renderer.buffers());
+  return std::make_unique<Frame<HostBackend, Index>>(model, options.min_triangles, options.occlusion,
+                                                     renderer.buffers());
+}
+
+/// With occlusion culling one sample a pixel: what is hidden from all centres may show at another sample.
+int samples_of(const Options& options) {
+  return options.occlusion.mode == OcclusionMode::off ? 4 : 1;
 }
 
 template <class Index>
 void show(const Options& options, const scene::Model<Index>& model, Window* window, Report& report) {
   Renderer renderer;
   int width = options.width, height = options.height;
-  if (window == nullptr) renderer.draw_offscreen(width, height);
+  if (window == nullptr) renderer.draw_offscreen(width, height, samples_of(options));
 
   const Box box = bounds_of(model.object_boxes);
   const double extent = glm::distance(glm::dvec3(box.min), glm::dvec3(box.max));
@@ -195,13 +247,13 @@ void show(const Options& options, const scene::Model<Index>& model, Window* wind
     renderer.draw(view, state.camera, extent, state.wireframe);
     const double draw = watch.lap();
     const double total = whole.lap();
-    times.add({ms.cull, ms.project, ms.budget, ms.reform, ms.gather, ms.upload, draw, total});
+    times.add(ms, draw, total);
     if (options.checksums) report.checksums.push_back(renderer.buffers().checksum());
 
     if (window != nullptr) {
       if (std::exchange(state.take_picture, false)) {
         const std::string path = options.output.empty() ? "pgl.png" : options.output;
-        const PendingFile file{"P", path, encode_png(renderer.read(width, height))};
+        const PendingFile file{"P", path, encode_png("P", renderer.read(width, height))};
         try {
           write_files({&file, 1});
         } catch (const std::runtime_error& error) {  // no reason to close the window
@@ -217,9 +269,16 @@ void show(const Options& options, const scene::Model<Index>& model, Window* wind
   report.drawn_objects = frame->objects_drawn();
   report.drawn_vertices = renderer.buffers().vertices();
   report.drawn_triangles = renderer.buffers().triangles();
-  report.culled_frustum = model.objects.size() - frame->objects_in_view();
-  report.frames = static_cast<int>(times.steps[0].size());
-  for (std::size_t i = 0; i < times.steps.size(); ++i) report.ms.emplace_back(Times::names[i], median(times.steps[i]));
+  report.frames = static_cast<int>(times.frames());
+  Selection selection;
+  if (report.frames > 0) selection = frame->selection();
+  const auto none = [](const std::vector<std::uint8_t>& flags) {
+    return static_cast<std::uint64_t>(std::ranges::count(flags, std::uint8_t{0}));
+  };
+  report.culled_frustum = none(selection.in_view);
+  report.culled_occlusion = none(selection.visible) - report.culled_frustum;
+  report.occluders = selection.occluders.size();
+  times.report(options.occlusion.mode != OcclusionMode::off, report.ms);
   report.width = width;
   report.height = height;
   report.samples = renderer.samples();
@@ -234,11 +293,15 @@ void show(const Options& options, const scene::Model<Index>& model, Window* wind
   std::vector<PendingFile> files;
   if (!options.output.empty()) {
     if (window != nullptr && report.frames > 0) renderer.draw(view, state.camera, extent, state.wireframe);
-    files.push_back({"--output", options.output, encode_png(renderer.read(width, height))});
+    files.push_back({"--output", options.output, encode_png("--output", renderer.read(width, height))});
   }
   if (!options.stats.empty()) {
     report.drawn_checksum = renderer.buffers().checksum();
     files.push_back({"--stats", options.stats, to_json(report)});
+  }
+  if (!options.reference.empty() && report.frames > 0) {
+    const Image image = draw_reference(model, selection, state.camera, view, box, extent);
+    files.push_back({"--reference", options.reference, encode_png("--reference", image)});
   }
   write_files(files);
 }
@@ -264,7 +327,7 @@ void run(const Options& options) {
     if (options.backend == BackendKind::cuda) gpu = choose_gpu();
   }
   if (!options.headless && Window::available()) {
-    window = std::make_unique<Window>(options.width, options.height);
+    window = std::make_unique<Window>(options.width, options.height, samples_of(options));
   } else {
     offscreen = std::make_unique<OffscreenContext>(gpu);
   }

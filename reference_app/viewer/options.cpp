@@ -5,6 +5,7 @@
 #include <CLI/CLI.hpp>
 
 #include <algorithm>
+#include <array>
 #include <charconv>
 #include <cmath>
 #include <functional>
@@ -139,6 +140,20 @@ std::optional<Options> parse_options(int argc, const char* const* argv) {
                                  {{"host", BackendKind::host}, {"cuda", BackendKind::cuda}},
                                  "What prepares the frames: the CPU or the GPU, to the same bits [host]");
   parser.add_number("--threads", options.threads, 1, 1024, "Threads of the host [all]");
+  parser.add_choice<OcclusionMode>("--occlusion", options.occlusion.mode,
+                                   {{"on", OcclusionMode::on}, {"off", OcclusionMode::off}},
+                                   "Leave out what others hide; the picture then has one sample a pixel [off]");
+  CLI::Option* aos = parser.add("--aos", "Objects that hide others, each frame anew: 0 to 2^32 - 1, or all [20]",
+                                [&](const std::string& text) {
+                                  constexpr std::size_t most = std::numeric_limits<std::uint32_t>::max();
+                                  const auto given = text == "all" ? most : number<std::size_t>(text, 0, most);
+                                  if (!given) {
+                                    refuse("--aos", "needs a number from 0 to 4294967295, or all, not '" + text + "'");
+                                  }
+                                  options.occlusion.aos = *given;
+                                });
+  CLI::Option* compactness = parser.add_number("--compactness", options.occlusion.compactness, 0.0f, 1.0f,
+                                               "Only objects at least so compact hide others: 0 any, 1 boxes [0.5]");
 
   parser.add("--camera", "ex,ey,ez,tx,ty,tz[,fov]: eye, target, vertical field of view in degrees [whole model]",
              [&](const std::string& text) {
@@ -180,6 +195,9 @@ std::optional<Options> parse_options(int argc, const char* const* argv) {
   parser.add_number("--frames", options.frames, 1, 1'000'000, "Frames before it ends [1 headless, no end in a window]");
   CLI::Option* output =
       app.add_option("--output", options.output, "Write the last frame as a PNG")->type_name("FILE.png");
+  CLI::Option* reference =
+      app.add_option("--reference", options.reference, "Write the last frame's selection, seen from outside, as a PNG")
+          ->type_name("FILE.png");
   CLI::Option* stats =
       app.add_option("--stats", options.stats, "Write what was measured as JSON")->type_name("FILE.json");
   app.add_flag("--checksums", options.checksums, "With --stats: the checksum of every frame, not only the last");
@@ -206,15 +224,28 @@ std::optional<Options> parse_options(int argc, const char* const* argv) {
     refuse("--backend", "this pgl_viewer was built without CUDA: no toolkit was found, or none wanted");
   }
   if (options.checksums && stats->count() == 0) refuse("--checksums", "goes into --stats, and none is asked for");
-  if (refuse_non_finite) options.import.non_finite = scene::NonFinite::refuse_file;
-  if (output->count() > 0) {
-    if (!options.output.ends_with(".png")) refuse("--output", "'" + options.output + "' does not end in .png");
-    check_writable("--output", options.output);
+  if (options.occlusion.mode == OcclusionMode::off) {
+    for (const CLI::Option* option : {aos, compactness}) {
+      if (option->count() > 0) refuse(option->get_name(), "is for --occlusion on");
+    }
   }
-  if (stats->count() > 0) {
-    check_writable("--stats", options.stats);
-    if (output->count() > 0 && real_path(options.output) == real_path(options.stats)) {
-      refuse("--stats", "'" + options.stats + "' is --output's file");
+  if (refuse_non_finite) options.import.non_finite = scene::NonFinite::refuse_file;
+  struct Written {
+    const CLI::Option* option;
+    const std::string& path;
+    bool picture;
+  };
+  const std::array<Written, 3> written = {
+      {{output, options.output, true}, {reference, options.reference, true}, {stats, options.stats, false}}};
+  for (auto file = written.begin(); file != written.end(); ++file) {
+    if (file->option->count() == 0) continue;
+    const std::string name = file->option->get_name();
+    if (file->picture && !file->path.ends_with(".png")) refuse(name, "'" + file->path + "' does not end in .png");
+    check_writable(name, file->path);
+    for (auto other = written.begin(); other != file; ++other) {
+      if (other->option->count() > 0 && real_path(other->path) == real_path(file->path)) {
+        refuse(name, "'" + file->path + "' is " + other->option->get_name() + "'s file");
+      }
     }
   }
   return options;

@@ -13,6 +13,7 @@
 #include "scene/import.hpp"
 #include "scene/plant.hpp"
 #include "viewer/camera.hpp"
+#include "viewer/occlusion.hpp"
 
 namespace pgl::viewer {
 
@@ -35,6 +36,7 @@ struct Options {
   std::uint32_t min_triangles = 0;   ///< a drawn object keeps at least so many
   BudgetOptions distribution;        ///< its budget, near_depth and viewport_area are set for each frame
   BackendKind backend = BackendKind::host;
+  OcclusionOptions occlusion;
 
   std::optional<CameraOption> camera;  ///< none: the whole model
   int width = 1280, height = 720;      ///< pixels, 1..16384
@@ -44,6 +46,7 @@ struct Options {
   int frames = 0;         ///< then stop; 0: one offscreen, no end in a window
 
   std::string output;      ///< PNG of the last frame
+  std::string reference;   ///< PNG of the last frame's selection, seen from outside
   std::string stats;       ///< JSON
   bool checksums = false;  ///< in the statistics, of every frame
   int threads = 0;         ///< 0: all

@@ -88,11 +88,11 @@ fs::path real_path(const std::string& path) {
   return error ? whole : real;
 }
 
-std::string encode_png(const Image& image) {
+std::string encode_png(const std::string& option, const Image& image) {
   int size = 0;
   const std::unique_ptr<unsigned char, decltype(&std::free)> bytes(
       stbi_write_png_to_mem(image.rgb.data(), image.width * 3, image.width, image.height, 3, &size), &std::free);
-  if (!bytes) throw std::runtime_error("--output: not enough memory to encode the picture");
+  if (!bytes) throw std::runtime_error(option + ": not enough memory to encode the picture");
   return {reinterpret_cast<const char*>(bytes.get()), static_cast<std::size_t>(size)};
 }
 

@@ -18,8 +18,8 @@ struct Image {
   std::vector<std::uint8_t> rgb;  ///< 3 * width * height
 };
 
-/// Encodes the picture as PNG. Throws std::runtime_error when there is no memory for it.
-std::string encode_png(const Image& image);
+/// Encodes the picture as PNG. Throws std::runtime_error, naming the option, when there is no memory for it.
+std::string encode_png(const std::string& option, const Image& image);
 
 /// The file that a path leads to, through links, whether it exists or not.
 std::filesystem::path real_path(const std::string& path);

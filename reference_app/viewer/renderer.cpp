@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <stdexcept>
 
 #include <glm/gtc/type_ptr.hpp>
@@ -76,6 +77,9 @@ const vec3 palette[12] = vec3[12](
   vec3(0.83, 0.72, 0.48), vec3(0.40, 0.55, 0.60), vec3(0.62, 0.50, 0.60), vec3(0.66, 0.68, 0.70),
   vec3(0.55, 0.62, 0.40), vec3(0.36, 0.40, 0.50), vec3(0.80, 0.62, 0.56), vec3(0.58, 0.70, 0.74));
 
+// Drawn, occluder, beside: as Role.
+const vec3 roles[3] = vec3[3](vec3(0.60, 0.62, 0.64), vec3(0.56, 0.28, 0.77), vec3(0.76, 0.78, 0.80));
+
 uint mixed(uint x) {  // Wellons' lowbias32
   x ^= x >> 16; x *= 0x7feb352du;
   x ^= x >> 15; x *= 0x846ca68bu;
@@ -83,8 +87,12 @@ uint mixed(uint x) {  // Wellons' lowbias32
 }
 
 void main() {
+#ifdef ROLES
+  vec3 paint = roles[min(surface.object, 2u)];
+#else
   uint h = mixed(surface.object + 1u);
   vec3 paint = palette[h % 12u] * (0.9 + 0.2 * float((h >> 8) & 255u) / 255.0);
+#endif
   vec3 albedo = pow(paint, vec3(2.2));
 
   // The face's normal, on the side that is seen; a face seen edge-on has none and takes the direction to the eye.
@@ -97,7 +105,9 @@ void main() {
   vec3 light = sky + vec3(0.84, 0.80, 0.73) * max(dot(n, key), 0.0);
   float gloss = pow(max(dot(n, normalize(key + to_eye)), 0.0), 40.0);
   vec3 lit = albedo * light + 0.06 * gloss;
+#ifndef ROLES
   lit = mix(lit, haze, 1.0 - exp(-0.22 * max(length(surface.from_eye) - haze_start, 0.0)));
+#endif
 #ifdef WIREFRAME
   vec3 pixels = barycentric / max(fwidth(barycentric), vec3(1e-6));
   float line = 1.0 - smoothstep(0.2, 1.0, min(min(pixels.x, pixels.y), pixels.z));
@@ -105,6 +115,49 @@ void main() {
 #endif
   color = vec4(pow(lit, vec3(1.0 / 2.2)), 1.0);
 }
+)";
+
+// Boxes, one an instance: 12 edges of two ends, each end a corner with bit 0 for x, bit 1 for y, bit 2 for z.
+constexpr const char* edge_vertex_shader = R"(
+layout(location = 0) in vec3 low;
+layout(location = 1) in vec3 high;
+uniform mat4 clip_from_world;
+const int corners[24] = int[24](0, 1, 2, 3, 4, 5, 6, 7,  0, 2, 1, 3, 4, 6, 5, 7,  0, 4, 1, 5, 2, 6, 3, 7);
+void main() {
+  int corner = corners[gl_VertexID];
+  gl_Position = clip_from_world * vec4(mix(low, high, vec3(corner & 1, (corner >> 1) & 1, corner >> 2)), 1.0);
+}
+)";
+
+// Lines of any width, which OpenGL does not promise: each a strip across the screen, cut at the near plane first.
+constexpr const char* edge_geometry_shader = R"(
+layout(lines) in;
+layout(triangle_strip, max_vertices = 4) out;
+uniform vec2 size;   // of the picture, pixels
+uniform float width; // of the line, pixels
+void main() {
+  vec4 a = gl_in[0].gl_Position, b = gl_in[1].gl_Position;
+  float in_a = a.z + a.w, in_b = b.z + b.w;
+  if (in_a <= 0.0 && in_b <= 0.0) return;
+  if (in_a < 0.0) a = mix(a, b, in_a / (in_a - in_b));
+  if (in_b < 0.0) b = mix(b, a, in_b / (in_b - in_a));
+  if (a.w <= 0.0 || b.w <= 0.0) return;
+  vec2 along = (b.xy / b.w - a.xy / a.w) * size;
+  float reach = length(along);
+  along = reach > 0.0 ? along / reach : vec2(1.0, 0.0);
+  vec2 across = vec2(-along.y, along.x) * width / size;
+  gl_Position = vec4(a.xy + across * a.w, a.zw); EmitVertex();
+  gl_Position = vec4(a.xy - across * a.w, a.zw); EmitVertex();
+  gl_Position = vec4(b.xy + across * b.w, b.zw); EmitVertex();
+  gl_Position = vec4(b.xy - across * b.w, b.zw); EmitVertex();
+  EndPrimitive();
+}
+)";
+
+constexpr const char* edge_fragment_shader = R"(
+uniform vec4 paint;
+out vec4 color;
+void main() { color = paint; }
 )";
 
 const glm::vec3 background(0.87f, 0.905f, 0.935f);  // display values
@@ -131,9 +184,9 @@ void check(const std::string& doing) {
   if (error != GL_NO_ERROR) throw std::runtime_error("OpenGL: " + std::string(error_name(error)) + " while " + doing);
 }
 
-GLuint compile(GLenum stage, const char* text, bool wireframe) {
+GLuint compile(GLenum stage, const char* text, const char* define) {
   const GLuint shader = glCreateShader(stage);
-  const std::array<const char*, 3> parts = {"#version 330 core\n", wireframe ? "#define WIREFRAME\n" : "", text};
+  const std::array<const char*, 3> parts = {"#version 330 core\n", define, text};
   glShaderSource(shader, static_cast<GLsizei>(parts.size()), parts.data(), nullptr);
   glCompileShader(shader);
   GLint good = GL_FALSE;
@@ -151,18 +204,17 @@ std::string text_of(GLenum name) {
   return text != nullptr ? reinterpret_cast<const char*>(text) : "";
 }
 
-}  // namespace
-
-Renderer::Program Renderer::build(bool wireframe) {
+/// A program of these stages, of which the middle one may be null; `define` begins each text.
+GLuint link(const char* vertex, const char* geometry, const char* fragment, const char* define) {
   const GLuint program = glCreateProgram();
   auto add = [&](GLenum stage, const char* text) {
-    const GLuint shader = compile(stage, text, wireframe);
+    const GLuint shader = compile(stage, text, define);
     glAttachShader(program, shader);
     glDeleteShader(shader);  // freed with the program
   };
-  add(GL_VERTEX_SHADER, vertex_shader);
-  if (wireframe) add(GL_GEOMETRY_SHADER, geometry_shader);
-  add(GL_FRAGMENT_SHADER, fragment_shader);
+  add(GL_VERTEX_SHADER, vertex);
+  if (geometry != nullptr) add(GL_GEOMETRY_SHADER, geometry);
+  add(GL_FRAGMENT_SHADER, fragment);
   glLinkProgram(program);
   GLint good = GL_FALSE;
   glGetProgramiv(program, GL_LINK_STATUS, &good);
@@ -171,6 +223,70 @@ Renderer::Program Renderer::build(bool wireframe) {
     glGetProgramInfoLog(program, static_cast<GLsizei>(log.size()), nullptr, log.data());
     throw std::runtime_error(std::string("OpenGL: the driver refuses the shaders: ") + log.data());
   }
+  return program;
+}
+
+/// Draws the edges of boxes over what is there, and is gone.
+class Edges {
+ public:
+  explicit Edges(const glm::vec2& size)
+      : program_(link(edge_vertex_shader, edge_geometry_shader, edge_fragment_shader, "")) {
+    glGenVertexArrays(1, &vertex_array_);
+    glGenBuffers(1, &boxes_);
+    glUseProgram(program_);
+    glUniform2fv(glGetUniformLocation(program_, "size"), 1, glm::value_ptr(size));
+    glDepthMask(GL_FALSE);
+    glEnable(GL_DEPTH_CLAMP);  // lines may reach beyond the far plane
+  }
+  Edges(const Edges&) = delete;
+  Edges& operator=(const Edges&) = delete;
+  ~Edges() {
+    glDisable(GL_BLEND);
+    glDisable(GL_DEPTH_CLAMP);
+    glDepthFunc(GL_LESS);
+    glDepthMask(GL_TRUE);
+    glDeleteBuffers(1, &boxes_);
+    glDeleteVertexArrays(1, &vertex_array_);
+    glDeleteProgram(program_);
+  }
+
+  /// In front of everything as strong as `paint` says, else only `faint` of that.
+  void draw(std::span<const Box> boxes, const glm::mat4& clip_from_world, const glm::vec4& paint, float faint,
+            float width) const {
+    if (boxes.empty()) return;
+    glBindVertexArray(vertex_array_);
+    glBindBuffer(GL_ARRAY_BUFFER, boxes_);
+    glBufferData(GL_ARRAY_BUFFER, static_cast<GLsizeiptr>(boxes.size_bytes()), boxes.data(), GL_STREAM_DRAW);
+    for (GLuint end = 0; end < 2; ++end) {
+      glEnableVertexAttribArray(end);
+      glVertexAttribPointer(end, 3, GL_FLOAT, GL_FALSE, sizeof(Box),
+                            reinterpret_cast<void*>(end == 0 ? offsetof(Box, min) : offsetof(Box, max)));
+      glVertexAttribDivisor(end, 1);
+    }
+    glUniformMatrix4fv(glGetUniformLocation(program_, "clip_from_world"), 1, GL_FALSE, glm::value_ptr(clip_from_world));
+    glUniform1f(glGetUniformLocation(program_, "width"), width);
+    glEnable(GL_BLEND);
+    glBlendFunc(GL_SRC_ALPHA, GL_ONE_MINUS_SRC_ALPHA);
+    for (const bool behind : {true, false}) {
+      glDepthFunc(behind ? GL_GREATER : GL_LEQUAL);
+      glUniform4f(glGetUniformLocation(program_, "paint"), paint.x, paint.y, paint.z,
+                  behind ? paint.w * faint : paint.w);
+      glDrawArraysInstanced(GL_LINES, 0, 24, static_cast<GLsizei>(boxes.size()));
+    }
+  }
+
+ private:
+  GLuint program_ = 0, vertex_array_ = 0, boxes_ = 0;
+};
+
+}  // namespace
+
+Renderer::Program Renderer::build(Style style) {
+  const bool wireframe = style == Style::wireframe;
+  const GLuint program = link(vertex_shader, wireframe ? geometry_shader : nullptr, fragment_shader,
+                              wireframe               ? "#define WIREFRAME\n"
+                              : style == Style::roles ? "#define ROLES\n"
+                                                      : "");
   return {program,
           glGetUniformLocation(program, "clip_from_world"),
           glGetUniformLocation(program, "eye"),
@@ -182,7 +298,7 @@ Renderer::Program Renderer::build(bool wireframe) {
 }
 
 Renderer::Renderer() : vendor_(text_of(GL_VENDOR)), renderer_(text_of(GL_RENDERER)), version_(text_of(GL_VERSION)) {
-  shaded_ = build(false);
+  shaded_ = build(Style::shaded);
   glEnable(GL_DEPTH_TEST);
   glGetIntegerv(GL_SAMPLES, &samples_);
   check("setting up");
@@ -192,6 +308,7 @@ Renderer::~Renderer() {
   free_offscreen();
   glDeleteProgram(shaded_.name);
   glDeleteProgram(wire_.name);
+  glDeleteProgram(roles_.name);
 }
 
 void Renderer::free_offscreen() {
@@ -203,7 +320,7 @@ void Renderer::free_offscreen() {
   draw_framebuffer_ = read_framebuffer_ = draw_color_ = draw_depth_ = read_color_ = 0;
 }
 
-void Renderer::draw_offscreen(int width, int height) {
+void Renderer::draw_offscreen(int width, int height, int samples) {
   free_offscreen();
   const std::string size = std::to_string(width) + "x" + std::to_string(height);
   GLint largest = 0;
@@ -214,15 +331,16 @@ void Renderer::draw_offscreen(int width, int height) {
   }
   GLint most_samples = 0;
   glGetIntegerv(GL_MAX_SAMPLES, &most_samples);
-  samples_ = static_cast<long>(width) * height > 32'000'000 ? 0 : std::min(4, most_samples);
+  samples_ = std::min(samples, most_samples);
+  if (samples_ == 1 || static_cast<long>(width) * height > 32'000'000) samples_ = 0;  // none but the centre
 
-  auto make = [&](GLuint& framebuffer, int samples, GLuint& color, GLuint* depth) {
+  auto make = [&](GLuint& framebuffer, int of_each, GLuint& color, GLuint* depth) {
     glGenFramebuffers(1, &framebuffer);
     glBindFramebuffer(GL_FRAMEBUFFER, framebuffer);
     auto attach = [&](GLuint& buffer, GLenum format, GLenum attachment) {
       glGenRenderbuffers(1, &buffer);
       glBindRenderbuffer(GL_RENDERBUFFER, buffer);
-      glRenderbufferStorageMultisample(GL_RENDERBUFFER, samples, format, width, height);
+      glRenderbufferStorageMultisample(GL_RENDERBUFFER, of_each, format, width, height);
       glFramebufferRenderbuffer(GL_FRAMEBUFFER, attachment, GL_RENDERBUFFER, buffer);
     };
     attach(color, GL_RGBA8, GL_COLOR_ATTACHMENT0);
@@ -236,18 +354,19 @@ void Renderer::draw_offscreen(int width, int height) {
   make(draw_framebuffer_, samples_, draw_color_, &draw_depth_);
 }
 
-void Renderer::draw(const View& view, const Camera& camera, double extent, bool wireframe) {
-  if (wireframe && wire_.name == 0) wire_ = build(true);
-  const Program& program = wireframe ? wire_ : shaded_;
+void Renderer::begin(const View& view) const {
+  glBindFramebuffer(GL_FRAMEBUFFER, draw_framebuffer_);
+  glViewport(0, 0, static_cast<GLsizei>(view.width), static_cast<GLsizei>(view.height));
+  glClearColor(background.x, background.y, background.z, 1.0f);
+  glClear(GL_COLOR_BUFFER_BIT | GL_DEPTH_BUFFER_BIT);
+}
+
+void Renderer::draw_triangles(const Program& program, const View& view, const Camera& camera, double extent) const {
   const CameraAxes axes = axes_of(camera);
   const glm::vec3 key = glm::normalize(0.75 * camera.up - 0.5 * axes.right - 0.55 * axes.forward);
   const glm::vec3 eye(camera.eye), up(camera.up), haze = glm::pow(background, glm::vec3(2.2f));
   const float scale = extent > 1e-37 ? static_cast<float>(1.0 / extent) : 1.0f;
 
-  glBindFramebuffer(GL_FRAMEBUFFER, draw_framebuffer_);
-  glViewport(0, 0, static_cast<GLsizei>(view.width), static_cast<GLsizei>(view.height));
-  glClearColor(background.x, background.y, background.z, 1.0f);
-  glClear(GL_COLOR_BUFFER_BIT | GL_DEPTH_BUFFER_BIT);
   glUseProgram(program.name);
   glUniformMatrix4fv(program.clip_from_world, 1, GL_FALSE, glm::value_ptr(view.clip_from_world));
   glUniform3fv(program.eye, 1, glm::value_ptr(eye));
@@ -257,8 +376,37 @@ void Renderer::draw(const View& view, const Camera& camera, double extent, bool 
   glUniform1f(program.haze_start, view.near_depth * scale);
   glUniform1f(program.scale, scale);
   buffers_.draw();
+}
+
+void Renderer::draw(const View& view, const Camera& camera, double extent, bool wireframe) {
+  if (wireframe && wire_.name == 0) wire_ = build(Style::wireframe);
+  begin(view);
+  draw_triangles(wireframe ? wire_ : shaded_, view, camera, extent);
   glFinish();
   check("drawing");
+}
+
+void Renderer::draw_reference(const View& view, const Camera& camera, double extent, const View& seen,
+                              std::span<const Box> boxes) {
+  if (roles_.name == 0) roles_ = build(Style::roles);
+  begin(view);
+  draw_triangles(roles_, view, camera, extent);
+  const float pixel = std::max(1.0f, view.height / 720.0f);
+  const float strength = std::clamp(20.0f / std::sqrt(static_cast<float>(boxes.size()) + 1.0f), 0.3f, 0.8f);
+  const Edges edges({view.width, view.height});
+  edges.draw(boxes, view.clip_from_world, {0.86f, 0.08f, 0.08f, strength}, 0.45f, pixel);
+
+  // The frustum is a box too, in its own clip space. In that, 1 / w is linear in z, and the box begins where it is a
+  // thousand times what it is at the far plane, unless the near plane is nearer still: that looks like the eye.
+  const glm::dmat4 world_from_clip = glm::inverse(glm::dmat4(seen.clip_from_world));
+  const double at_near = (world_from_clip * glm::dvec4(0.0, 0.0, -1.0, 1.0)).w;
+  const double at_far = (world_from_clip * glm::dvec4(0.0, 0.0, 1.0, 1.0)).w;
+  const double begin = -1.0 - std::max(0.0, (1000.0 * at_far - at_near) / (0.5 * (at_near - at_far)));
+  const Box clip{glm::vec3(-1.0f, -1.0f, static_cast<float>(begin)), glm::vec3(1.0f)};
+  edges.draw({&clip, 1}, glm::mat4(glm::dmat4(view.clip_from_world) * world_from_clip), {0.05f, 0.07f, 0.10f, 1.0f},
+             0.45f, 2.0f * pixel);
+  glFinish();
+  check("drawing the reference");
 }
 
 Image Renderer::read(int width, int height) {

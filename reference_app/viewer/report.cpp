@@ -41,7 +41,8 @@ std::string to_json(const Report& report) {
                        {"triangles", report.drawn_triangles},
                        {"checksum", hex(report.drawn_checksum)}}},
                      {"checksums", checksums},
-                     {"culled", {{"frustum", report.culled_frustum}}},
+                     {"culled", {{"frustum", report.culled_frustum}, {"occlusion", report.culled_occlusion}}},
+                     {"occluders", report.occluders},
                      {"ms", ms},
                      {"frames", report.frames},
                      {"threads", report.threads},
@@ -80,6 +81,9 @@ std::string to_table(const Report& report) {
   line("vertices drawn", grouped(report.drawn_vertices));
   line("triangles drawn", grouped(report.drawn_triangles));
   line("objects drawn", grouped(report.drawn_objects));
+  line("culled, frustum", grouped(report.culled_frustum));
+  line("culled, occlusion", grouped(report.culled_occlusion));
+  line("occluders", grouped(report.occluders));
   line("backend", report.backend);
   for (const auto& [step, time] : report.ms) {
     char value[32];

@@ -22,7 +22,8 @@ struct Report {
   std::uint64_t drawn_objects = 0, drawn_vertices = 0, drawn_triangles = 0;
   std::uint64_t drawn_checksum = 0;      ///< of the last frame
   std::vector<std::uint64_t> checksums;  ///< of every frame, or none
-  std::uint64_t culled_frustum = 0;
+  std::uint64_t culled_frustum = 0, culled_occlusion = 0;
+  std::uint64_t occluders = 0;
   std::vector<std::pair<std::string, double>> ms;  ///< per step, in the order of the work
   int width = 0, height = 0, samples = 0, frames = 0;
   std::size_t threads = 0;

@@ -21,12 +21,12 @@ bool Window::available() {
   return (set("DISPLAY") || set("WAYLAND_DISPLAY")) && glfwInit() == GLFW_TRUE;
 }
 
-Window::Window(int width, int height) {
+Window::Window(int width, int height, int samples) {
   glfwInit();
   glfwWindowHint(GLFW_CONTEXT_VERSION_MAJOR, 3);
   glfwWindowHint(GLFW_CONTEXT_VERSION_MINOR, 3);
   glfwWindowHint(GLFW_OPENGL_PROFILE, GLFW_OPENGL_CORE_PROFILE);
-  glfwWindowHint(GLFW_SAMPLES, 4);
+  glfwWindowHint(GLFW_SAMPLES, samples == 1 ? 0 : samples);
   glfwWindowHint(GLFW_VISIBLE, GLFW_FALSE);
   window_ = glfwCreateWindow(width, height, "pgl", nullptr, nullptr);
   if (window_ == nullptr) {

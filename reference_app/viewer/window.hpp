@@ -29,8 +29,9 @@ class Window {
   /// Tells whether there is a display to open a window on.
   static bool available();
 
-  /// Opens a hidden window with an OpenGL 3.3 core context, current on this thread. Throws NoContext (context.hpp).
-  Window(int width, int height);
+  /// Opens a hidden window with an OpenGL 3.3 core context, current on this thread, with at most so many samples a
+  /// pixel (1: at its centre). Throws NoContext (context.hpp).
+  Window(int width, int height, int samples);
   ~Window();
   Window(const Window&) = delete;
   Window& operator=(const Window&) = delete;

@@ -141,6 +141,24 @@ class Viewer : public testing::Test {
     write(folder_ / name, "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n");
   }
 
+  /// A wall at z = 0, three cubes behind it and one beside it.
+  void write_wall(const std::string& name) {
+    std::ostringstream text;
+    text << "o wall\nv -5 -5 0\nv 5 -5 0\nv 5 5 0\nv -5 5 0\nf 1 2 3\nf 1 3 4\n";
+    for (const float x : {-2.0f, 0.0f, 2.0f, 8.0f}) {
+      text << "o cube" << x << "\n";
+      for (int corner = 0; corner < 8; ++corner) {
+        text << "v " << x + (corner & 1 ? 0.5f : -0.5f) << ' ' << (corner & 2 ? 0.5f : -0.5f) << ' '
+             << (corner & 4 ? -2.0f : -3.0f) << "\n";
+      }
+      for (const char* face :
+           {"-8 -6 -5 -7", "-4 -3 -1 -2", "-8 -7 -3 -4", "-6 -2 -1 -5", "-8 -4 -2 -6", "-7 -5 -1 -3"}) {
+        text << "f " << face << "\n";
+      }
+    }
+    write(folder_ / name, text.str());
+  }
+
   fs::path folder_;
   std::string before_;  ///< environment of every run
 };
@@ -154,6 +172,9 @@ std::vector<std::string> with(std::vector<std::string> arguments, std::vector<st
   arguments.insert(arguments.end(), more.begin(), more.end());
   return arguments;
 }
+
+/// Inside the plant of 2,000 objects, where tanks, floors and vessels stand before others.
+const std::vector<std::string> inside_cameras = {"-20,-12,2,20,10,3,60", "14,3,1.7,-10,8,3,70", "0,-30,6,0,10,4,50"};
 
 TEST_F(Viewer, DrawsAPictureOfTheAskedSize) {
   const Json json = statistics(with(small_plant, {"--size", "167x91", "--output", "plant.png"}));
@@ -268,7 +289,7 @@ class Backends : public Viewer {
     }
     EXPECT_GT(of[0]["drawn"]["triangles"], 0);
     EXPECT_EQ(of[0]["checksums"].size(), of[0]["frames"].get<std::size_t>());
-    for (const char* key : {"checksums", "drawn", "culled", "objects", "model", "frames", "camera"}) {
+    for (const char* key : {"checksums", "drawn", "culled", "occluders", "objects", "model", "frames", "camera"}) {
       EXPECT_EQ(of[0][key], of[1][key]) << key;
     }
     return of[0]["checksums"];
@@ -326,6 +347,21 @@ TEST_F(BackendsExtra, DrawTheSameBytesWhereOpenGlIsNotTheGpus) {
   if (!fs::exists(mesa)) GTEST_SKIP() << "Mesa's OpenGL is not installed";
   before_ = "__EGL_VENDOR_LIBRARY_FILENAMES=" + mesa.string();
   expect_same({"--headless", "--size", "160x90", "--orbit", "--frames", "5", "--objects", "300", "--budget", "20000"});
+}
+
+TEST_F(Backends, CullTheSameObjectsFrameAfterFrame) {
+  SKIP_WITHOUT_GPU();
+  for (const std::string aos : {"0", "20", "all"}) {
+    for (const std::string& camera : inside_cameras) {
+      expect_same({"--headless", "--size", "320x180", "--orbit", "--frames", "8", "--objects", "2000", "--budget",
+                   "30000", "--occlusion", "on", "--aos", aos, "--camera", camera});
+    }
+  }
+  // Odd sizes, and all of a smaller plant.
+  for (const std::string size : {"1x1", "7x133", "641x479"}) {
+    expect_same({"--headless", "--size", size, "--objects", "300", "--budget", "all", "--occlusion", "on",
+                 "--compactness", "0", "--camera", inside_cameras[0]});
+  }
 }
 
 TEST_F(Backends, DrawTheSameBytesOfSharedAndMirroredMeshesAndWideIndices) {
@@ -511,6 +547,139 @@ TEST_F(Viewer, WireframeDrawsTheSameTrianglesOtherwise) {
   EXPECT_NE(picture("solid.png").pixels, picture("wire.png").pixels);
 }
 
+TEST_F(Viewer, WhatTheWallHidesIsLeftOut) {
+  write_wall("wall.obj");
+  const std::vector<std::string> arguments = {"--headless", "--size",       "160x120",     "--budget", "all",
+                                              "--camera",   "0,0,20,0,0,0", "--occlusion", "on",       "wall.obj"};
+  const Json culled = statistics(with(arguments, {"--aos", "1", "--output", "culled.png"}));
+  SKIP_WITHOUT_GL(culled);
+  EXPECT_EQ(culled["objects"], 5);
+  EXPECT_EQ(culled["occluders"], 1);
+  EXPECT_EQ(culled["culled"], Json::parse(R"({"frustum": 0, "occlusion": 3})"));
+  EXPECT_EQ(culled["drawn"]["objects"], 2);
+  EXPECT_EQ(culled["gl"]["samples"], 0);  // none but the pixel's centre
+  for (const char* step : {"occluders", "depth", "hzm", "occlusion"}) {
+    EXPECT_GE(culled.at("ms").at(step).get<double>(), 0.0) << step;
+  }
+  const Json whole = statistics(with(arguments, {"--aos", "0", "--output", "whole.png"}));
+  EXPECT_EQ(whole["occluders"], 0);
+  EXPECT_EQ(whole["culled"], Json::parse(R"({"frustum": 0, "occlusion": 0})"));
+  EXPECT_EQ(whole["drawn"]["objects"], 5);
+  EXPECT_GT(picture("whole.png").colors(), 3u);
+  EXPECT_EQ(picture("culled.png").pixels, picture("whole.png").pixels);
+
+  // All as occluders: those may not be culled, so nothing is.
+  const Json all = statistics(with(arguments, {"--aos", "all"}));
+  EXPECT_EQ(all["occluders"], 5);
+  EXPECT_EQ(all["culled"]["occlusion"], 0);
+  // From behind, the wall hides nothing.
+  const Json behind = statistics(with(arguments, {"--aos", "1", "--camera", "0,0,-20,0,0,0"}));
+  EXPECT_EQ(behind["culled"], Json::parse(R"({"frustum": 0, "occlusion": 0})"));
+  // Without culling there are no occluders, and times of its steps.
+  const Json off = statistics(with(arguments, {"--occlusion", "off"}));
+  EXPECT_EQ(off["occluders"], 0);
+  EXPECT_EQ(off["culled"]["occlusion"], 0);
+  EXPECT_EQ(off["drawn"]["checksum"], whole["drawn"]["checksum"]);
+  EXPECT_FALSE(off["ms"].contains("depth"));
+}
+
+TEST_F(Viewer, TheCompactnessThresholdDecidesWhoMayHideOthers) {
+  // Four thin bars in a frame around nothing: the area of its faces is small beside that of its box.
+  std::ostringstream text;
+  text << "o frame\n";
+  const float bars[4][4] = {{-5, -5, 5, -4.9f}, {-5, 4.9f, 5, 5}, {-5, -4.9f, -4.9f, 4.9f}, {4.9f, -4.9f, 5, 4.9f}};
+  for (const auto& bar : bars) {
+    text << "v " << bar[0] << ' ' << bar[1] << " 0\nv " << bar[2] << ' ' << bar[1] << " 0\nv " << bar[2] << ' '
+         << bar[3] << " 0\nv " << bar[0] << ' ' << bar[3] << " 0\nf -4 -3 -2\nf -4 -2 -1\n";
+  }
+  write(folder_ / "frame.obj", text.str());
+  const std::vector<std::string> arguments = {"--headless",   "--size",      "64x64", "--camera",
+                                              "0,0,20,0,0,0", "--occlusion", "on",    "frame.obj"};
+  const Json all = statistics(with(arguments, {"--compactness", "0"}));
+  SKIP_WITHOUT_GL(all);
+  EXPECT_EQ(all["occluders"], 1);
+  EXPECT_EQ(statistics(with(arguments, {"--compactness", "0.5"}))["occluders"], 0);
+}
+
+TEST_F(Viewer, CullingChangesNoPixelOfThePlantAtFullDetail) {
+  std::size_t hidden = 0;
+  for (const std::string& camera : inside_cameras) {
+    SCOPED_TRACE(camera);
+    const std::vector<std::string> arguments = {"--headless", "--objects",   "2000",  "--size", "480x270",
+                                                "--budget",   "all",         "--pet", "0",      "--camera",
+                                                camera,       "--occlusion", "on"};
+    const Json whole = statistics(with(arguments, {"--aos", "0", "--output", "whole.png"}));
+    SKIP_WITHOUT_GL(whole);
+    EXPECT_EQ(whole["culled"]["occlusion"], 0);
+    const Picture expected = picture("whole.png");
+    for (const std::vector<std::string>& occluders :
+         {std::vector<std::string>{}, {"--aos", "200"}, {"--aos", "1500", "--compactness", "0"}}) {
+      const Json culled = statistics(with(with(arguments, {"--output", "culled.png"}), occluders));
+      EXPECT_EQ(culled["culled"]["frustum"], whole["culled"]["frustum"]);
+      EXPECT_GT(culled["culled"]["occlusion"], 0);
+      EXPECT_LT(culled["drawn"]["vertices"], whole["drawn"]["vertices"]);
+      hidden += culled["culled"]["occlusion"].get<std::size_t>();
+      const Picture seen = picture("culled.png");
+      ASSERT_EQ(seen.pixels.size(), expected.pixels.size());
+      std::size_t different = 0;
+      for (std::size_t i = 0; i < seen.pixels.size(); ++i) different += seen.pixels[i] != expected.pixels[i] ? 1 : 0;
+      EXPECT_EQ(different, 0u) << testing::PrintToString(occluders);
+    }
+  }
+  EXPECT_GT(hidden, 500u);
+}
+
+TEST_F(Viewer, CullingDoesNotDependOnTheThreads) {
+  const std::vector<std::string> arguments = {
+      "--headless", "--objects", "2000",     "--size",          "320x180",     "--budget", "20000",      "--orbit",
+      "--frames",   "4",         "--camera", inside_cameras[0], "--occlusion", "on",       "--checksums"};
+  const Json one = statistics(with(arguments, {"--threads", "1"}));
+  SKIP_WITHOUT_GL(one);
+  EXPECT_EQ(one["checksums"].size(), 4u);
+  for (const char* threads : {"2", "5"}) {
+    const Json more = statistics(with(arguments, {"--threads", threads}));
+    for (const char* key : {"checksums", "drawn", "culled", "occluders"}) EXPECT_EQ(more[key], one[key]) << key;
+  }
+}
+
+TEST_F(Viewer, TheReferenceShowsOccludersHiddenBoxesAndTheFrustum) {
+  write_wall("wall.obj");
+  const std::vector<std::string> arguments = {"--headless",   "--size",   "200x150",     "--camera",
+                                              "0,0,20,0,0,0", "wall.obj", "--reference", "outside.png"};
+  const auto count = [&](auto&& like) {
+    const Picture image = picture("outside.png");
+    EXPECT_EQ(image.width, 200);
+    EXPECT_EQ(image.height, 150);
+    return std::ranges::count_if(image.pixels, [&](const auto& p) { return like(int{p[0]}, int{p[1]}, int{p[2]}); });
+  };
+  const auto purple = [](int r, int g, int b) { return r > g + 40 && b > r + 10; };
+  const auto red = [](int r, int g, int b) { return r > g + 60 && r > b + 10; };
+  const auto black = [](int r, int g, int b) { return r < 60 && g < 60 && b < 60; };
+
+  const Json on = statistics(with(arguments, {"--occlusion", "on", "--aos", "1"}));
+  SKIP_WITHOUT_GL(on);
+  EXPECT_EQ(on["culled"]["occlusion"], 3);
+  EXPECT_GT(count(purple), 100);
+  EXPECT_GT(count(red), 30);
+  EXPECT_GT(count(black), 100);
+
+  const Json off = statistics(arguments);
+  EXPECT_EQ(off["drawn"]["objects"], 5);
+  EXPECT_EQ(count(purple), 0);
+  EXPECT_EQ(count(red), 0);
+  EXPECT_GT(count(black), 100);
+}
+
+TEST_F(Viewer, TheReferenceLeavesThePictureAndTheNumbersAlone) {
+  const std::vector<std::string> arguments = with(small_plant, {"--budget", "2000", "--occlusion", "on"});
+  const Json plain = statistics(with(arguments, {"--output", "plain.png"}));
+  SKIP_WITHOUT_GL(plain);
+  const Json both = statistics(with(arguments, {"--output", "a.png", "--reference", "b.png"}));
+  for (const char* key : {"drawn", "culled", "occluders", "camera", "gl"}) EXPECT_EQ(both[key], plain[key]) << key;
+  EXPECT_EQ(picture("a.png").pixels, picture("plain.png").pixels);
+  EXPECT_NE(picture("b.png").pixels, picture("plain.png").pixels);
+}
+
 TEST_F(Viewer, WithoutADisplayItDrawsOffscreen) {
   const Outcome outcome = run({"--objects", "5", "--size", "32x32", "--output", "a.png"});
   if (outcome.code == 3) GTEST_SKIP() << outcome.err;
@@ -569,6 +738,18 @@ TEST_F(Viewer, ImpossibleOptionsAreRefusedInOneLine) {
                                                          {"--frames", "0"},
                                                          {"--threads", "0"},
                                                          {"--threads", "1025"},
+                                                         {"--occlusion", "maybe"},
+                                                         {"--aos", "-1"},
+                                                         {"--aos", "4294967296"},
+                                                         {"--aos", "many"},
+                                                         {"--compactness", "-0.1"},
+                                                         {"--compactness", "1.5"},
+                                                         {"--compactness", "nan"},
+                                                         {"--aos", "20"},
+                                                         {"--compactness", "0.5"},
+                                                         {"--aos", "20", "--occlusion", "off"},
+                                                         {"--reference", "picture.jpg"},
+                                                         {"--reference", ""},
                                                          {"--output", "picture.jpg"},
                                                          {"--output", ""},
                                                          {"--stats", ""},
@@ -619,6 +800,10 @@ TEST_F(Viewer, PlacesThatCannotBeWrittenAreRefusedBeforeTheWork) {
   expect_refused(run(with(work, {"--output", "a.png", "--stats", "taken.png"})), "--stats", kept);
   expect_refused(run(with(work, {"--stats", "/dev/null"})), "--stats", kept);
   expect_refused(run(with(work, {"--output", "same.png", "--stats", "./same.png"})), "--stats", kept);
+  expect_refused(run(with(work, {"--output", "a.png", "--reference", "nowhere/b.png"})), "--reference", kept);
+  expect_refused(run(with(work, {"--reference", "taken.png"})), "--reference", kept);
+  expect_refused(run(with(work, {"--output", "same.png", "--reference", "./same.png"})), "--reference", kept);
+  expect_refused(run(with(work, {"--reference", "same.png", "--stats", "same.png"})), "--stats", kept);
 }
 
 TEST_F(Viewer, FailureLeavesOldFilesAsTheyWere) {
@@ -642,7 +827,8 @@ TEST_F(Viewer, SuccessReplacesOldFiles) {
 TEST_F(Viewer, HelpAndVersionArePrinted) {
   const Outcome help = run({"--help"});
   EXPECT_EQ(help.code, 0);
-  for (const char* option : {"--budget", "--camera", "--size", "--output", "--stats", "--frames", "--headless"}) {
+  for (const char* option : {"--budget", "--camera", "--size", "--output", "--stats", "--frames", "--headless",
+                             "--occlusion", "--aos", "--compactness", "--reference"}) {
     EXPECT_NE(help.out.find(option), std::string::npos) << option;
   }
   const Outcome version = run({"--version"});
