@@ -94,12 +94,31 @@ __device__ inline void draw_texels(const DepthTriangle& t, std::uint32_t first_c
   }
 }
 
+/// Number `part` of the up to two triangles that remain of a triangle that is cut; no columns if there is none. By
+/// itself, since it is seldom and would take many registers.
+template <class Index>
+__device__ __noinline__ DepthTriangle cut_part(const DepthView& view, const DepthModel<Index>& model,
+                                               std::uint32_t object, std::uint64_t triangle, int part) {
+  const Object& placed = model.objects[object];
+  const Mesh& mesh = model.meshes[placed.mesh];
+  ClipVertex clip[3];
+  for (int k = 0; k < 3; ++k) {
+    const Index v = model.triangles[mesh.first_triangle + triangle].v[k];
+    clip[k] = clip_vertex(view, transform_point(placed.transform, model.vertices[mesh.first_vertex + v]));
+  }
+  DepthTriangle cut[2];
+  cut[0].columns = cut[1].columns = 0;
+  cut_depth_triangle(view, clip, cut);
+  return cut[part];
+}
+
 /// A warp takes 32 triangles of an occluder at a time, a lane each. What is small on the map the lanes draw by
 /// themselves, then the whole warp draws the rest one by one, or leaves it in the queue.
 template <class Index>
-__global__ void __launch_bounds__(most_threads)
-    draw_depth_kernel(DepthModel<Index> model, const std::uint32_t* occluders, std::uint64_t n,
-                      const std::uint64_t* offsets, DepthView view, LargeTriangles large, Depth* depth) {
+__global__ void __launch_bounds__(most_threads, 2)
+    draw_depth_kernel(const __grid_constant__ DepthModel<Index> model, const std::uint32_t* occluders, std::uint64_t n,
+                      const std::uint64_t* offsets, const __grid_constant__ DepthView view, LargeTriangles large,
+                      Depth* depth) {
   __shared__ DepthTriangle shared[most_threads / 32];
   DepthTriangle& of_warp = shared[threadIdx.x / 32];
   const unsigned lane = detail::lane_index();
@@ -113,23 +132,22 @@ __global__ void __launch_bounds__(most_threads)
     const bool exists = i < triangles_at(mesh, model.map, mesh.max_vertices);
     Triangle<Index> corners{};
     if (exists) corners = model.triangles[mesh.first_triangle + i];
-    const auto clip_of = [&](int k) {
-      return clip_vertex(view, transform_point(object.transform, model.vertices[mesh.first_vertex + corners.v[k]]));
-    };
+    glm::vec3 points[3];
+    for (int k = 0; k < 3; ++k)
+      points[k] = exists ? model.vertices[mesh.first_vertex + corners.v[k]] : glm::vec3(0.0f, 0.0f, 0.0f);
 
     for (int part = 0; part < 2; ++part) {  // a triangle that is cut may be two
       DepthTriangle t;
       t.columns = t.rows = 0;
       bool is_cut = false;
       if (exists) {
-        const DepthVertex a = depth_vertex(view, clip_of(0));
-        const DepthVertex b = depth_vertex(view, clip_of(1));
-        const DepthVertex c = depth_vertex(view, clip_of(2));
+        const auto placed = [&](int k) {
+          return depth_vertex(view, clip_vertex(view, transform_point(object.transform, points[k])));
+        };
+        const DepthVertex a = placed(0), b = placed(1), c = placed(2);
         is_cut = !(is_drawable(a) && is_drawable(b) && is_drawable(c));
         if (is_cut) {
-          const ClipVertex clip[3] = {clip_of(0), clip_of(1), clip_of(2)};
-          DepthTriangle cut[2];
-          if (part < cut_depth_triangle(view, clip, cut)) t = cut[part];
+          t = cut_part(view, model, occluders[o], i, part);
         } else if (part == 0) {
           t = depth_triangle(view, a, b, c);
         }
