@@ -23,8 +23,8 @@ struct OccluderFace {
 };
 
 /// Returns the largest face of a mesh's oriented box carried by an object's transform; of equal ones, that of axes[2],
-/// then axes[1]. An empty box gives OccluderFace{}, which is never heavy; a transform that is not finite, or leaves
-/// float's range, a face that is never selected.
+/// then axes[1]. An empty box gives OccluderFace{}, which is never heavy; where a
+/// number is not finite, or leaves float's range, centre and normal are quiet_nan, and the face is never selected.
 PGL_HD inline OccluderFace occluder_face(const OrientedBox& box, float compactness, const glm::mat4x3& m) {
   OccluderFace face;
   if (is_empty(box)) return face;
@@ -59,6 +59,8 @@ PGL_HD inline OccluderFace occluder_face(const OrientedBox& box, float compactne
     face.normal[i] = most == 0.0 ? 0.0f : ieee::add(ieee::to_float(ieee::div(largest[i], root)), 0.0f);
   }
   face.compactness = compactness;
+  if (!(detail::is_finite_point(face.centre) && detail::is_finite_point(face.normal)))
+    for (int i = 0; i < 3; ++i) face.centre[i] = face.normal[i] = ieee::quiet_nan<float>;
   return face;
 }
 
@@ -101,7 +103,7 @@ PGL_HD inline float occluder_weight(const OccluderFace& face, const Eye& eye) {
   if (!far)
     for (int i = 0; i < 3; ++i) t[i] = ieee::sub(ieee::div(t[i], eye.w), c[i]);
   const double area = dot_product(n, n), square = dot_product(t, t);
-  if (!(ieee::is_finite(area) && ieee::is_finite(c.x) && ieee::is_finite(c.y) && ieee::is_finite(c.z) &&
+  if (!(detail::is_finite_point(face.normal) && detail::is_finite_point(face.centre) &&
         ieee::is_finite(face.compactness)))
     return ieee::quiet_nan<float>;
   if (!(square > 0.0) || !ieee::is_finite(square)) return 0.0f;

@@ -11,34 +11,12 @@
 #include "pgl/host/oriented_box.hpp"
 #include "support/box_shapes.hpp"
 #include "support/exact.hpp"
-#include "support/numbers.hpp"
+#include "support/random_mesh.hpp"
 
 namespace {
 
 using exact::Number;
-using numbers::Kind;
 using pgl::OrientedBox;
-
-/// A mesh of any numbers: in space, in a plane or on a line, now and then with a vertex that is not finite.
-test::TriangleMesh any_mesh() {
-  test::TriangleMesh mesh;
-  const Kind k = numbers::kind();
-  const int flat = numbers::whole(0, 3), vertices = numbers::whole(0, 40);
-  const bool all_finite = numbers::whole(0, 1) == 0;
-  const glm::vec3 a = numbers::point(Kind::plain), b = numbers::point(Kind::plain), c = numbers::point(k);
-  for (int i = 0; i < vertices; ++i) {
-    glm::vec3 p = numbers::point(k);
-    if (flat == 1) p = c + a * numbers::number(Kind::plain) + b * numbers::number(Kind::plain);
-    if (flat == 2) p = c + a * numbers::number(Kind::plain);
-    if (!all_finite && numbers::whole(0, 5) == 0) p[numbers::whole(0, 2)] = numbers::any_number(k);
-    mesh.positions.push_back(p);
-  }
-  for (int i = vertices > 0 ? numbers::whole(0, 60) : 0; i > 0; --i) {
-    const auto corner = [&] { return static_cast<std::uint32_t>(numbers::whole(0, vertices - 1)); };
-    mesh.triangles.push_back({{corner(), corner(), corner()}});
-  }
-  return mesh;
-}
 
 struct Found {
   OrientedBox box;
@@ -66,7 +44,7 @@ Number distance(const OrientedBox& box, int k, const glm::vec3& p) {
 
 RC_GTEST_PROP(OrientedBoxProps, holdsEveryFiniteVertexExactly, ()) {
   for (int repeat = 0; repeat < 20; ++repeat) {
-    const test::TriangleMesh mesh = any_mesh();
+    const test::TriangleMesh mesh = test::any_mesh();
     const OrientedBox box = find(mesh).box;
     bool any = false;
     for (const glm::vec3& p : mesh.positions) {
@@ -85,7 +63,7 @@ RC_GTEST_PROP(OrientedBoxProps, holdsEveryFiniteVertexExactly, ()) {
 
 RC_GTEST_PROP(OrientedBoxProps, hasOrthogonalRightHandedUnitAxesAndItsLongestSideFirst, ()) {
   for (int repeat = 0; repeat < 20; ++repeat) {
-    const OrientedBox box = find(any_mesh()).box;
+    const OrientedBox box = find(test::any_mesh()).box;
     RC_ASSERT(box.half.x >= box.half.y && box.half.y >= box.half.z);
     for (int k = 0; k < 3; ++k) {
       const glm::dvec3 a(box.axes[k]), b(box.axes[(k + 1) % 3]), c(box.axes[(k + 2) % 3]);
@@ -98,7 +76,7 @@ RC_GTEST_PROP(OrientedBoxProps, hasOrthogonalRightHandedUnitAxesAndItsLongestSid
 
 RC_GTEST_PROP(OrientedBoxProps, isTouchedOnEverySideAndNoLargerThanTheUprightBox, ()) {
   for (int repeat = 0; repeat < 20; ++repeat) {
-    const test::TriangleMesh mesh = any_mesh();
+    const test::TriangleMesh mesh = test::any_mesh();
     const OrientedBox box = find(mesh).box;
     if (pgl::is_empty(box) || !is_finite(box.half)) continue;
     const pgl::Box upright = pgl::host::bounds(mesh.positions);
@@ -128,7 +106,7 @@ RC_GTEST_PROP(OrientedBoxProps, isTouchedOnEverySideAndNoLargerThanTheUprightBox
 
 RC_GTEST_PROP(CompactnessProps, isTheAreaOfTheTrianglesOverTheSurfaceOfTheBox, ()) {
   for (int repeat = 0; repeat < 20; ++repeat) {
-    const test::TriangleMesh mesh = any_mesh();
+    const test::TriangleMesh mesh = test::any_mesh();
     const Found found = find(mesh);
     RC_ASSERT(found.compactness >= 0.0f && found.compactness <= 1.0f);
     long double area = 0;
