@@ -116,8 +116,8 @@ PGL_HD inline DepthVertex depth_vertex(const DepthView& view, const ClipVertex& 
 
 /// A triangle ready to be drawn. Texel (x0 + i, y0 + j) of its box, i < columns and j < rows, is covered iff
 /// edge[k][0] + edge[k][1] * i + edge[k][2] * j >= 0 for k = 0, 1, 2, see covers; its depth there is depth_at. All in
-/// integers, so that drivers may step from texel to texel or begin anywhere, and get the same. Nothing overflows within
-/// the box.
+/// integers, so that drivers may step from texel to texel or begin anywhere, and get the same. Nothing overflows in the
+/// box and 64 texels around it.
 struct DepthTriangle {
   std::int64_t edge[3][3];
   std::int64_t depth[3];  ///< in steps of 2^-48
@@ -219,8 +219,9 @@ PGL_HD inline double farthest_from(double x, double steps, double inset) {
 /// true one too. For a texel's square the functions are taken at its worst corner. In the triangle s = sum b V with
 /// weights b >= 0 that sum up to 1, and the true depth there is D = sum b D_k. A plane Q of gradient g that is at or
 /// above depth_k + depth_error_k + p_k |g| at the three computed corners is so at s: Q(s) = sum b Q(V_k) >= sum b
-/// (Q(v_k) - p_k |g|) >= D. That holds for any g; a good one makes it tight. A gradient that cannot be had, or is above
-/// 1/16 of the range of depths per texel, is taken as 0: then the farthest corner counts.
+/// (Q(v_k) - p_k |g|) >= D. That holds for any g; a good one makes it tight. A gradient that cannot be had, or
+/// passes through some thousand times the range of depths within the box, is taken as 0: then the farthest corner
+/// counts.
 PGL_HD inline DepthTriangle depth_triangle(const DepthView& view, const DepthVertex& a, DepthVertex b, DepthVertex c) {
   DepthTriangle r;
   r.columns = 0;
@@ -298,7 +299,10 @@ PGL_HD inline DepthTriangle depth_triangle(const DepthView& view, const DepthVer
   double gx = ieee::mul(ieee::sub(ieee::mul(to_b, acy), ieee::mul(to_c, aby)), per_area);
   double gy = ieee::mul(ieee::sub(ieee::mul(to_c, abx), ieee::mul(to_b, acx)), per_area);
   double lift = most;
-  if (detail::magnitude(gx) <= 0x1p44 && detail::magnitude(gy) <= 0x1p44) {
+  // A box and 64 texels around it stay in range.
+  const double across = ieee::mul(detail::magnitude(gx), static_cast<double>(columns + 64));
+  const double along = ieee::mul(detail::magnitude(gy), static_cast<double>(r.rows + 64));
+  if (ieee::add(across, along) <= 0x1p61) {
     r.depth[1] = static_cast<std::int64_t>(gx);
     r.depth[2] = static_cast<std::int64_t>(gy);
     gx = static_cast<double>(r.depth[1]);

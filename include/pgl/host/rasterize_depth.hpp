@@ -83,8 +83,8 @@ struct DepthWorkspace {
 /// - its depth is at or behind that triangle's true window depth at all of them.
 /// So whatever is strictly behind the texel's depth is hidden there. What is lost is little: samples within some 1e-10
 /// texels of an edge, also where the next triangle of the mesh begins, and where scale or coverage ask for more than
-/// the pixel's centre, every texel that no triangle covers alone. Depths are a few steps too far, more for triangles
-/// with more than 1/16 of the whole range of depths from one texel to the next, which get their farthest corner's.
+/// the pixel's centre, every texel that no triangle covers alone. Depths are a step or two too far, more where places
+/// or depths are not known better because coordinates are huge beside what is seen.
 /// Both windings are drawn. What is before the near plane is cut off; what is beyond the far plane leaves far_depth.
 /// Triangles with a corner that is not finite are passed over.
 ///
