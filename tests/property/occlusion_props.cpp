@@ -5,27 +5,22 @@
 #include <rapidcheck/gtest.h>
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
-#include <glm/gtc/matrix_transform.hpp>
-#include <limits>
 #include <span>
 #include <utility>
 #include <vector>
 
-#include "pgl/host/bounds.hpp"
 #include "pgl/host/build_hzm.hpp"
 #include "pgl/host/cull_frustum.hpp"
 #include "pgl/host/cull_occluded.hpp"
-#include "pgl/host/oriented_box.hpp"
 #include "pgl/host/rasterize_depth.hpp"
 #include "pgl/host/select_occluders.hpp"
 #include "support/depth_scenes.hpp"
 #include "support/exact_raster.hpp"
-#include "support/meshes.hpp"
 #include "support/numbers.hpp"
+#include "support/occlusion_scenes.hpp"
 
 namespace {
 
@@ -36,7 +31,10 @@ using pgl::Depth;
 using pgl::DepthMap;
 using pgl::View;
 using test::coin;
-using Scene = test::DepthScene<std::uint32_t>;  // its list of occluders is what the chain chooses
+using Scene = test::OcclusionScene;
+using test::Camera;
+using test::Palette;
+using test::unit;
 
 // ---- the chain
 
@@ -51,34 +49,21 @@ struct Frame {
 };
 
 Frame run(const Scene& s, const DepthMap& size, const Options& options) {
-  const std::size_t meshes = s.meshes.size(), objects = s.objects.size();
-  std::vector<pgl::Box> mesh_boxes(meshes), boxes(objects);
-  for (std::size_t m = 0; m < meshes; ++m)
-    mesh_boxes[m] =
-        pgl::host::bounds(std::span(s.vertices).subspan(s.meshes[m].first_vertex, s.meshes[m].max_vertices));
-  pgl::host::object_bounds(s.objects, mesh_boxes, boxes);
-  std::vector<pgl::OrientedBox> oriented(meshes);
-  std::vector<float> compactness(meshes);
-  pgl::host::oriented_boxes<std::uint32_t>(s.meshes, s.vertices, s.triangles, s.map, oriented, compactness);
-  std::vector<pgl::OccluderFace> faces(objects);
-  pgl::host::occluder_faces(s.objects, oriented, compactness, faces);
-  pgl::host::OccluderWorkspace occluder_workspace;
-  std::vector<std::uint32_t> order(objects);
-  pgl::host::compactness_order(faces, occluder_workspace, order);
-  const std::size_t candidates = pgl::host::compact_objects(faces, order, options.threshold);
-
+  const test::OcclusionModel model = test::prepared(s, options.threshold);
+  const std::size_t objects = s.objects.size();
   Frame frame{std::vector<std::uint8_t>(objects), std::vector<std::uint8_t>(objects),
               std::vector<std::uint32_t>(options.occluders)};
-  pgl::host::cull_frustum(boxes, s.view, frame.in_view);
-  pgl::host::select_occluders(std::span(order).first(candidates), faces, frame.in_view, s.view, occluder_workspace,
-                              frame.occluders);
-  std::vector<Depth> hzm(pgl::hzm_texels(size), pgl::far_depth);
+  pgl::host::OccluderWorkspace occluder_workspace;
   pgl::host::DepthWorkspace depth_workspace;
+  std::vector<Depth> hzm(pgl::hzm_texels(size), pgl::far_depth);
+  pgl::host::cull_frustum(model.boxes, s.view, frame.in_view);
+  pgl::host::select_occluders(model.candidates, model.faces, frame.in_view, s.view, occluder_workspace,
+                              frame.occluders);
   pgl::host::rasterize_depth<std::uint32_t>(s.meshes, s.objects, s.vertices, s.triangles, s.map, frame.occluders,
                                             s.view, size, depth_workspace,
                                             std::span(hzm).first(std::size_t{size.width} * size.height));
   pgl::host::build_hzm(size, hzm);
-  pgl::host::cull_occluded(boxes, frame.in_view, frame.occluders, s.view, size, hzm, frame.visible);
+  pgl::host::cull_occluded(model.boxes, frame.in_view, frame.occluders, s.view, size, hzm, frame.visible);
   return frame;
 }
 
@@ -155,173 +140,6 @@ Share check(const Scene& s, const DepthMap& size, const Options& options) {
   return share;
 }
 
-// ---- scenes
-
-struct Palette {
-  std::vector<std::uint32_t> meshes;
-  std::uint32_t cube = 0;
-};
-
-test::TriangleMesh cube() {
-  test::TriangleMesh m;
-  for (int i = 0; i < 8; ++i)
-    m.positions.emplace_back(i & 1 ? 1.0f : -1.0f, i & 2 ? 1.0f : -1.0f, i & 4 ? 1.0f : -1.0f);
-  for (const auto& q : {std::array<std::uint32_t, 4>{0, 4, 6, 2},
-                        {1, 3, 7, 5},
-                        {0, 1, 5, 4},
-                        {2, 6, 7, 3},
-                        {0, 2, 3, 1},
-                        {4, 5, 7, 6}}) {
-    m.triangles.push_back({{q[0], q[1], q[2]}});
-    m.triangles.push_back({{q[0], q[2], q[3]}});
-  }
-  return m;
-}
-
-/// Meshes of about the unit cube's size: closed, open, of one triangle, of none, without area, with odd vertices.
-Palette add_palette(Scene& s) {
-  Palette p;
-  const auto add = [&](const test::TriangleMesh& mesh) { p.meshes.push_back(s.add_mesh(mesh)); };
-  add(cube());
-  p.cube = p.meshes[0];
-  add(test::sphere(1));
-  add(test::tetrahedron());
-  test::TriangleMesh sheet = test::grid(2, 2);
-  for (glm::vec3& v : sheet.positions) v -= glm::vec3(1, 1, 0);
-  add(sheet);
-  add(test::torus(5, 4));
-  test::TriangleMesh one;
-  one.positions = {{-1, -1, 0}, {1, -0.5f, 0.25f}, {0, 1, -0.5f}};
-  one.triangles = {{{0, 1, 2}}};
-  add(one);
-  test::TriangleMesh line = one;  // no area
-  line.positions[2] = 0.5f * (line.positions[0] + line.positions[1]);
-  add(line);
-  test::TriangleMesh spot = one;
-  spot.positions = {glm::vec3(0.5f), glm::vec3(0.5f), glm::vec3(0.5f)};
-  add(spot);
-  test::TriangleMesh odd = cube();
-  odd.positions[3].y = std::numeric_limits<float>::quiet_NaN();
-  odd.positions[6].x = std::numeric_limits<float>::infinity();
-  add(odd);
-  add(test::TriangleMesh{});
-  return p;
-}
-
-float unit(int low, int high) {
-  return static_cast<float>(whole(low * 4096, high * 4096)) / 4096;
-}
-
-glm::mat3 rotation() {
-  const glm::vec3 axis = numbers::point(numbers::Kind::plain) + glm::vec3(0, 0, 1e-3f);
-  return glm::mat3(glm::rotate(glm::mat4(1), unit(-3, 3), axis));
-}
-
-/// A camera somewhere in a world of some scale, and where it is.
-struct Camera {
-  View view;
-  glm::mat4 world_from_camera{1.0f};
-  float scale = 1;
-  float near = 1;
-  bool parallel = false;
-};
-
-Camera any_camera() {
-  Camera c;
-  c.scale = std::pow(10.0f, static_cast<float>(whole(-6, 9)));
-  c.near = c.scale * std::ldexp(1.0f, -whole(0, 6));
-  const auto range = coin() ? pgl::DepthRange::zero_to_one : pgl::DepthRange::minus_one_to_one;
-  const auto order = coin() ? pgl::DepthOrder::reversed : pgl::DepthOrder::conventional;
-  const float far = c.near * std::ldexp(1.0f, whole(4, 14));
-  c.view = test::depth_camera(16, 16, c.near, far, range, order, std::ldexp(1.0f, whole(-1, 1)));
-  c.parallel = whole(0, 4) == 0;
-  if (c.parallel) {
-    // Window depth from 0 to 1 over [near, far], and a picture as wide as the perspective one is at 8 near.
-    glm::mat4& m = c.view.clip_from_world;
-    const double s = range == pgl::DepthRange::minus_one_to_one ? 2 : 1,
-                 turn = order == pgl::DepthOrder::reversed ? -1 : 1;
-    const double depth = static_cast<double>(far) - static_cast<double>(c.near);
-    m[0].x /= 8 * c.near;
-    m[1].y /= 8 * c.near;
-    m[2] = glm::vec4(0, 0, static_cast<float>(-turn * s / depth), 0);
-    m[3] = glm::vec4(0, 0,
-                     static_cast<float>(-turn * s * static_cast<double>(c.near) / depth + (turn < 0 ? 1
-                                                                                           : s == 2 ? -1
-                                                                                                    : 0)),
-                     1);
-    c.view.near_depth = 0.5f;
-  }
-  if (coin()) {
-    const glm::mat3 turned = rotation();
-    c.world_from_camera = glm::mat4(turned);
-    c.world_from_camera[3] = glm::vec4(c.scale * unit(-8, 8), c.scale * unit(-8, 8), c.scale * unit(-8, 8), 1);
-    const glm::mat4 camera_from_world =
-        glm::mat4(glm::transpose(turned)) * glm::translate(glm::mat4(1), -glm::vec3(c.world_from_camera[3]));
-    c.view.clip_from_world = c.view.clip_from_world * camera_from_world;
-  }
-  return c;
-}
-
-/// Places a mesh with its centre at a place of the picture, (-1 to 1) twice, and a distance, its half sides given.
-void place(Scene& s, const Camera& c, std::uint32_t mesh, float x, float y, float distance, glm::vec3 half,
-           const glm::mat3& turn) {
-  const float reach = c.parallel ? 8 * c.near : distance;
-  // The camera is square; slope is in its matrix, so a quarter more or less of the way does not matter.
-  const glm::vec3 centre(x * reach, y * reach, -distance);
-  glm::mat4 m = glm::translate(glm::mat4(1), centre) * glm::mat4(turn) * glm::scale(glm::mat4(1), half);
-  m = c.world_from_camera * m;
-  s.objects.push_back({.mesh = mesh, .transform = glm::mat4x3(m)});
-}
-
-/// Anything anywhere: around the eye, through the near plane, behind, beyond; thin, flat, huge, tiny.
-void place_anything(Scene& s, const Camera& c, const Palette& palette) {
-  const std::uint32_t mesh =
-      palette.meshes[static_cast<std::size_t>(whole(0, static_cast<int>(palette.meshes.size()) - 1))];
-  float distance = c.near * std::ldexp(1 + unit(0, 1), whole(-2, 9));
-  const int where = whole(0, 11);
-  if (where == 0) distance = -distance;
-  if (where == 1) distance = 0;
-  if (where == 2) distance = c.near;
-  glm::vec3 half(std::abs(distance) * std::ldexp(1.0f, -whole(0, 8)));
-  if (where == 3) half *= 64;
-  for (int axis = 0; axis < 3; ++axis)
-    if (whole(0, 3) == 0) half[axis] *= std::ldexp(1.0f, -whole(1, 12));
-  if (whole(0, 9) == 0) half[whole(0, 2)] = 0;
-  if (whole(0, 9) == 0) half.x = -half.x;
-  place(s, c, mesh, unit(-1, 1) * 1.25f, unit(-1, 1) * 1.25f, distance, half, coin() ? glm::mat3(1) : rotation());
-}
-
-/// Walls, screens and boulders not far from the camera, and things behind them.
-void place_yard(Scene& s, const Camera& c, const Palette& palette, int things) {
-  const int screens = whole(1, 3);
-  for (int i = 0; i < screens; ++i) {
-    const float distance = c.near * std::ldexp(1 + unit(0, 1), 2);
-    const float reach = c.parallel ? 8 * c.near : distance;
-    const bool boulder = whole(0, 3) == 0;
-    const glm::vec3 half = reach * glm::vec3(0.5f + unit(0, 1), 0.5f + unit(0, 1), boulder ? 0.5f : 0.01f);
-    place(s, c,
-          palette.meshes[boulder  ? static_cast<std::size_t>(whole(0, 1))
-                         : coin() ? 0
-                                  : 3],
-          unit(-1, 1) * 0.5f, unit(-1, 1) * 0.5f, distance, half, coin() ? glm::mat3(1) : rotation());
-  }
-  for (int i = 0; i < things; ++i) {
-    const float distance = c.near * std::ldexp(1 + unit(0, 1), whole(3, 6));
-    const float reach = c.parallel ? 8 * c.near : distance;
-    const glm::vec3 half = reach * std::ldexp(1.0f, -whole(3, 6)) * glm::vec3(1, unit(0, 1), unit(0, 1));
-    place(s, c, palette.meshes[static_cast<std::size_t>(whole(0, 5))], unit(-1, 1), unit(-1, 1), distance, half,
-          coin() ? glm::mat3(1) : rotation());
-  }
-}
-
-/// Another size of the picture: the view's matrix knows nothing of it.
-DepthMap any_size(View& view, int most) {
-  view.width = static_cast<float>(whole(0, 11) == 0 ? 1 : whole(1, most));
-  view.height = static_cast<float>(whole(0, 11) == 0 ? 1 : whole(1, most));
-  return pgl::depth_map_of(view, static_cast<std::uint32_t>(coin() ? 1 : whole(1, 4)),
-                           whole(0, 2) ? Coverage::centres : Coverage::whole);
-}
-
 Options any_options(const Scene& s) {
   const int n = static_cast<int>(s.objects.size());
   const int k = whole(0, 3);
@@ -335,13 +153,20 @@ RC_GTEST_PROP(OcclusionProps, noCulledObjectShowsInAScene, ()) {
   Share sum;
   for (int repeat = 0; repeat < 12; ++repeat) {
     Scene s;
-    const Palette palette = add_palette(s);
-    Camera c = any_camera();
+    const Palette palette = test::add_palette(s);
+    Camera c = test::any_camera();
     s.view = c.view;
-    if (whole(0, 3) > 0) place_yard(s, c, palette, whole(0, 20));
+    if (whole(0, 3) > 0) test::place_yard(s, c, palette, whole(0, 20));
     const int others = whole(0, 10);
-    for (int i = 0; i < others; ++i) place_anything(s, c, palette);
-    const DepthMap size = any_size(s.view, 40);
+    for (int i = 0; i < others; ++i) test::place_anything(s, c, palette);
+    // Surfaces that coincide: the same objects once more, or the same mesh elsewhere along some axis.
+    const int copies = s.objects.empty() ? 0 : whole(0, 4);
+    for (int i = 0; i < copies; ++i) {
+      pgl::Object copy = s.objects[static_cast<std::size_t>(whole(0, static_cast<int>(s.objects.size()) - 1))];
+      if (coin()) copy.transform[3] += copy.transform[whole(0, 2)] * std::ldexp(1.0f, -whole(0, 20));
+      s.objects.push_back(copy);
+    }
+    const DepthMap size = test::any_size(s.view, 40);
     const Share share = check(s, size, any_options(s));
     sum.in_view += share.in_view;
     sum.culled += share.culled;
@@ -351,6 +176,21 @@ RC_GTEST_PROP(OcclusionProps, noCulledObjectShowsInAScene, ()) {
   RC_CLASSIFY(sum.culled_with_samples > 0, "some culled that have samples");
   RC_CLASSIFY(sum.culled * 10 > sum.in_view, "more than a tenth of what is in view culled");
   RC_CLASSIFY(sum.culled * 4 > sum.in_view, "more than a quarter of what is in view culled");
+}
+
+/// A triangle that hides much of the picture, if the view is one that can be undone: its corners are far beside the
+/// picture, some way before the camera.
+void add_screen(Scene& s) {
+  const glm::dmat4 world_from_clip = glm::inverse(glm::dmat4(s.view.clip_from_world));
+  const double w = static_cast<double>(s.view.near_depth) * std::ldexp(1.0, whole(0, 6));
+  const double z = whole(-16, 16) / 16.0;
+  std::vector<glm::vec3> corners;
+  for (const glm::dvec2 at : {glm::dvec2(-5, -4), glm::dvec2(5, -3), glm::dvec2(0.5, 5)}) {
+    const glm::dvec4 p = world_from_clip * glm::dvec4(w * at.x, w * at.y, w * z, w);
+    corners.emplace_back(glm::dvec3(p) / p.w);
+  }
+  const std::vector<pgl::Triangle<std::uint32_t>> triangles{{{0, 1, 2}}};
+  s.objects.push_back({.mesh = s.add_mesh(corners, triangles)});
 }
 
 RC_GTEST_PROP(OcclusionProps, noCulledObjectShowsWhateverTheViewAndTheTriangles, ()) {
@@ -366,7 +206,8 @@ RC_GTEST_PROP(OcclusionProps, noCulledObjectShowsWhateverTheViewAndTheTriangles,
       if (coin()) copy.transform[3] = p;
       s.objects.push_back(copy);
     }
-    const DepthMap size = any_size(s.view, 24);
+    if (whole(0, 3) > 0) add_screen(s);
+    const DepthMap size = test::any_size(s.view, 24);
     culled += check(s, size, any_options(s)).culled;
   }
   RC_CLASSIFY(culled > 0, "some culled");
@@ -377,10 +218,10 @@ TEST(OcclusionProps, FindsMostOfWhatIsHiddenInYards) {
   int hidden = 0, culled = 0, in_view = 0;
   EXPECT_TRUE(rc::check([&] {
     Scene s;
-    const Palette palette = add_palette(s);
-    Camera c = any_camera();
+    const Palette palette = test::add_palette(s);
+    Camera c = test::any_camera();
     s.view = c.view;
-    place_yard(s, c, palette, 20);
+    test::place_yard(s, c, palette, 20);
     s.view.width = s.view.height = 64;
     const DepthMap size = pgl::depth_map_of(s.view);
     const Options options{5, 0};
@@ -412,16 +253,17 @@ TEST(OcclusionProps, NoCulledObjectShowsInNarrowSingleAndLargePictures) {
     EXPECT_TRUE(rc::check([&, w = width, h = height] {
       if (large && sum.objects > 60) return;
       Scene s;
-      const Palette palette = add_palette(s);
-      Camera c = any_camera();
+      const Palette palette = test::add_palette(s);
+      Camera c = test::any_camera();
       s.view = c.view;
-      place(s, c, palette.cube, 0, 0, 4 * c.near, (c.parallel ? 8 : 4) * c.near * glm::vec3(0.75f, 0.75f, 0.125f),
-            glm::mat3(1));
+      test::place(s, c, palette.cube, 0, 0, 4 * c.near, (c.parallel ? 8 : 4) * c.near * glm::vec3(0.75f, 0.75f, 0.125f),
+                  glm::mat3(1));
       for (int i = 0; i < 20; ++i) {
         const float distance = c.near * std::ldexp(1 + unit(0, 1), whole(1, 6));
         const float reach = c.parallel ? 8 * c.near : distance;
-        place(s, c, palette.meshes[static_cast<std::size_t>(whole(0, 5))], unit(-1, 1), unit(-1, 1), distance,
-              reach * std::ldexp(1.0f, large ? -whole(8, 9) : -whole(3, 8)) * glm::vec3(1, unit(0, 1), 1), rotation());
+        test::place(s, c, palette.meshes[static_cast<std::size_t>(whole(0, 5))], unit(-1, 1), unit(-1, 1), distance,
+                    reach * std::ldexp(1.0f, large ? -whole(8, 9) : -whole(3, 8)) * glm::vec3(1, unit(0, 1), 1),
+                    test::rotation());
       }
       s.view.width = static_cast<float>(w);
       s.view.height = static_cast<float>(h);
