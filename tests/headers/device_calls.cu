@@ -8,9 +8,11 @@
 #include "pgl/distribute_budget.hpp"
 #include "pgl/gather.hpp"
 #include "pgl/ieee.hpp"
+#include "pgl/oriented_box.hpp"
 #include "pgl/project.hpp"
 #include "pgl/rearrange.hpp"
 #include "pgl/reform.hpp"
+#include "pgl/select_occluders.hpp"
 #include "pgl/types.hpp"
 
 namespace ieee = pgl::ieee;
@@ -42,6 +44,14 @@ __global__ void object_kernel(const pgl::Object* objects, const pgl::Box* boxes,
   shares[i] = pgl::share_weight(weights[i], weights[0], options.alpha);
   shares[i] = pgl::level_vertices(pgl::budget_level(i % pgl::budget_levels), shares[i], 4, 400);
   shares[i] += pgl::mirrored(objects[i].transform) ? 1u : 0u;
+}
+
+__global__ void occluder_kernel(const pgl::Object* objects, const pgl::OrientedBox* boxes, pgl::View view,
+                                std::uint64_t* keys) {
+  const unsigned i = blockIdx.x * blockDim.x + threadIdx.x;
+  const pgl::OccluderFace face = pgl::occluder_face(boxes[objects[i].mesh], 1.0f, objects[i].transform);
+  keys[i] = pgl::occluder_key(pgl::occluder_weight(face, pgl::eye_of(view)), i);
+  keys[i] += pgl::compactness_key(face.compactness) + (pgl::surface_area(boxes[i]) > 0.0 ? 1u : 0u);
 }
 
 __global__ void vertex_kernel(const pgl::Object* objects, const glm::vec3* vertices, const std::uint32_t* ecol,

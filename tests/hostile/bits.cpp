@@ -14,9 +14,11 @@
 #include "pgl/host/cull_frustum.hpp"
 #include "pgl/host/distribute_budget.hpp"
 #include "pgl/host/gather.hpp"
+#include "pgl/host/oriented_box.hpp"
 #include "pgl/host/project.hpp"
 #include "pgl/host/rearrange.hpp"
 #include "pgl/host/reform.hpp"
+#include "pgl/host/select_occluders.hpp"
 #include "pgl/ieee.hpp"
 #include "pgl/types.hpp"
 
@@ -323,6 +325,59 @@ void project(Hash& hash) {
   }
 }
 
+/// Soups of random points, thick and thin, then objects made of their boxes.
+void occluders(Hash& hash) {
+  Random random(9);
+  std::vector<pgl::Mesh> meshes(300);
+  std::vector<glm::vec3> vertices;
+  std::vector<pgl::Triangle<std::uint32_t>> triangles;
+  std::vector<std::uint32_t> map;
+  for (pgl::Mesh& mesh : meshes) {
+    const std::uint32_t n = 1 + random.below(60);
+    mesh.first_vertex = vertices.size();
+    mesh.first_triangle = triangles.size();
+    mesh.first_map = map.size();
+    mesh.min_vertices = mesh.max_vertices = n;
+    map.push_back(n);
+    const glm::vec3 thickness = random.point();
+    for (std::uint32_t i = 0; i < n; ++i) {
+      const glm::vec3 p = random.point();
+      vertices.push_back({ieee::mul(p.x, thickness.x), ieee::mul(p.y, thickness.y), ieee::mul(p.z, thickness.z)});
+      triangles.push_back({{random.below(n), random.below(n), random.below(n)}});
+    }
+  }
+  std::vector<pgl::OrientedBox> boxes(meshes.size());
+  std::vector<float> compactness(meshes.size());
+  pgl::host::oriented_boxes<std::uint32_t>(meshes, vertices, triangles, map, boxes, compactness);
+  for (const pgl::OrientedBox& box : boxes) {
+    hash(box.centre);
+    for (const glm::vec3& axis : box.axes) hash(axis);
+    hash(box.half);
+  }
+  hash(compactness);
+  std::vector<pgl::Object> objects(20000);
+  for (pgl::Object& object : objects)
+    object = {random.below(static_cast<std::uint32_t>(meshes.size())), a_transform(random)};
+  std::vector<pgl::OccluderFace> faces(objects.size());
+  pgl::host::occluder_faces(objects, boxes, compactness, faces);
+  for (const pgl::OccluderFace& face : faces) {
+    hash(face.centre);
+    hash(face.normal);
+  }
+  std::vector<std::uint32_t> order(faces.size()), chosen(500);
+  pgl::host::OccluderWorkspace workspace;
+  pgl::host::compactness_order(faces, workspace, order);
+  hash(order);
+  for (int i = 0; i < 10; ++i) {
+    const pgl::View view = a_view(random);
+    const pgl::Eye eye = pgl::eye_of(view);
+    for (const double x : {eye.x, eye.y, eye.z, eye.w}) hash(x);
+    for (const pgl::OccluderFace& face : faces) hash(pgl::occluder_weight(face, eye));
+    pgl::host::select_occluders(order, faces, {}, view, workspace, chosen);
+    hash(chosen);
+  }
+}
+
 void distribute_budget(Hash& hash) {
   Random random(7);
   constexpr std::size_t n = 20000;
@@ -411,6 +466,7 @@ int main() {
   print("bounds", bounds);
   print("cull_frustum", cull_frustum);
   print("project", project);
+  print("occluders", occluders);
   print("distribute_budget", distribute_budget);
   print("build_ecol float", build_ecol<float>);
   print("build_ecol double", build_ecol<double>);
