@@ -3,9 +3,10 @@
 #include <rapidcheck/gtest.h>
 
 #include <algorithm>
+#include <cmath>
 #include <cstdint>
 #include <optional>
-#include <span>
+#include <utility>
 #include <vector>
 
 #include "pgl/host/rasterize_depth.hpp"
@@ -74,23 +75,155 @@ Number in_steps(Depth depth) {
   return Number(depth) / Number(4294967296.0);
 }
 
+/// Whether each texel that is written is covered by one triangle, which is nowhere in it farther than what was written.
+template <class Index>
+bool holds(const DepthScene<Index>& scene, const DepthMap& size) {
+  const auto depth = drawn(scene, size);
+  const auto exactly = truth(scene);
+  for (std::uint32_t j = 0; j < size.height; ++j)
+    for (std::uint32_t i = 0; i < size.width; ++i) {
+      const Depth d = depth[std::size_t{j} * size.width + i];
+      if (d == far_depth) continue;
+      const auto all = places(scene.view, size, i, j);
+      const bool is_true = std::ranges::any_of(exactly, [&](const DrawnTriangle& t) {
+        const auto most = farthest(t, all);
+        return most && *most <= in_steps(d);
+      });
+      if (!is_true) return false;
+    }
+  return true;
+}
+
 RC_GTEST_PROP(RasterizeDepthProps, aTexelThatIsWrittenIsCoveredAndNotTooNear, ()) {
-  for (int repeat = 0; repeat < 10; ++repeat) {
+  for (int repeat = 0; repeat < 5; ++repeat) {
     auto scene = test::any_depth_scene<std::uint32_t>();
     const DepthMap size = test::choose_size(scene.view, 24);
-    const auto depth = drawn(scene, size);
-    const auto exactly = truth(scene);
-    for (std::uint32_t j = 0; j < size.height; ++j)
-      for (std::uint32_t i = 0; i < size.width; ++i) {
-        const Depth d = depth[std::size_t{j} * size.width + i];
-        if (d == far_depth) continue;
-        const auto all = places(scene.view, size, i, j);
-        RC_ASSERT(std::ranges::any_of(exactly, [&](const DrawnTriangle& t) {
-          const auto most = farthest(t, all);
-          return most && *most <= in_steps(d);
-        }));
-      }
+    RC_ASSERT(holds(scene, size));
   }
+}
+
+/// A view of 16 x 16 pixels that shows the origin exactly at the centre of pixel (i, j), at a window depth a bit above
+/// a step, and everything else in any direction.
+View around_the_origin(int i, int j) {
+  View v;
+  v.width = v.height = 16;
+  v.depth_range = pgl::DepthRange::zero_to_one;
+  for (int column = 0; column < 3; ++column) {
+    v.clip_from_world[column].x = numbers::number(numbers::Kind::plain);
+    v.clip_from_world[column].y = numbers::number(numbers::Kind::plain);
+    v.clip_from_world[column].z = numbers::whole(0, 2) ? numbers::number(numbers::Kind::plain) * 0x1p-12f : 0.0f;
+    v.clip_from_world[column].w = numbers::whole(0, 2) ? numbers::number(numbers::Kind::plain) * 0x1p-12f : 0.0f;
+  }
+  const float x = static_cast<float>(2 * i - 15) / 16, y = static_cast<float>(2 * j - 15) / 16;
+  const float bits = 1 + static_cast<float>(numbers::whole(0, 0x7fffff)) * 0x1p-23f;
+  v.clip_from_world[3] = {x, y, std::ldexp(bits, -numbers::whole(1, 20)), 1};
+  if (numbers::whole(0, 1)) {
+    v.depth_order = pgl::DepthOrder::reversed;
+    v.clip_from_world[3].z = 1 - 0x1p-23f;
+  }
+  return v;
+}
+
+/// A point of whole parts of a unit, up to 2^22 of them.
+glm::vec3 in_units(float unit) {
+  constexpr int most = 1 << 22;
+  const auto x = static_cast<float>(numbers::whole(-most, most)), y = static_cast<float>(numbers::whole(-most, most));
+  return glm::vec3(x, y, static_cast<float>(numbers::whole(-most, most))) * unit;
+}
+
+DepthScene<std::uint32_t> one_triangle(const View& view, const glm::vec3& a, const glm::vec3& b, const glm::vec3& c) {
+  DepthScene<std::uint32_t> scene;
+  scene.view = view;
+  const glm::vec3 points[3] = {a, b, c};
+  const pgl::Triangle<std::uint32_t> corners[1] = {{{0, 1, 2}}};
+  scene.add_occluder(scene.add_mesh(points, corners));
+  return scene;
+}
+
+RC_GTEST_PROP(RasterizeDepthProps, anEdgeExactlyThroughAPixelsCentreDoesNotCoverIt, ()) {
+  for (int repeat = 0; repeat < 200; ++repeat) {
+    const int i = numbers::whole(0, 15), j = numbers::whole(0, 15);
+    const float unit = std::ldexp(1.0f, numbers::whole(-22, 10));
+    const glm::vec3 a = in_units(unit), c = in_units(unit);
+    const auto scene = one_triangle(around_the_origin(i, j), a, -a, c);
+    RC_ASSERT(!truth(scene)[0].covers_pixel(i, j, true));
+    RC_ASSERT(holds(scene, pgl::depth_map_of(scene.view)));
+  }
+}
+
+RC_GTEST_PROP(RasterizeDepthProps, aDepthJustBeyondAStepIsRoundedToTheNext, ()) {
+  for (int repeat = 0; repeat < 200; ++repeat) {
+    const int i = numbers::whole(0, 15), j = numbers::whole(0, 15);
+    const float unit = std::ldexp(1.0f, numbers::whole(-22, 10));
+    const glm::vec3 a = in_units(unit), b = in_units(unit);
+    const auto scene = one_triangle(around_the_origin(i, j), a, b, -(a + b));  // the origin is its centroid
+    RC_ASSERT(holds(scene, pgl::depth_map_of(scene.view)));
+  }
+}
+
+/// Balls, rings and octahedra before an ordinary camera, or also around it.
+DepthScene<std::uint32_t> ordinary_scene(bool around) {
+  DepthScene<std::uint32_t> scene;
+  const auto range = test::coin() ? pgl::DepthRange::zero_to_one : pgl::DepthRange::minus_one_to_one;
+  const auto order = test::coin() ? pgl::DepthOrder::conventional : pgl::DepthOrder::reversed;
+  scene.view = test::depth_camera(static_cast<float>(numbers::whole(20, 64)),
+                                  static_cast<float>(numbers::whole(20, 64)), 0.1f, 100, range, order);
+  const std::uint32_t meshes[] = {scene.add_mesh(test::sphere(2)), scene.add_mesh(test::octahedron()),
+                                  scene.add_mesh(test::torus(12, 8))};
+  for (int count = numbers::whole(1, 5); count > 0; --count) {
+    glm::mat4x3 place(0.3f + std::abs(numbers::number(numbers::Kind::plain)));
+    place[0] += 0.2f * numbers::point(numbers::Kind::plain);
+    place[3] = 2.0f * numbers::point(numbers::Kind::plain) + glm::vec3(0, 0, around ? -2 : -5);
+    scene.add_occluder(meshes[numbers::whole(0, 2)], place);
+  }
+  return scene;
+}
+
+RC_GTEST_PROP(RasterizeDepthProps, nearlyAllThatIsCoveredIsWrittenAtItsDepth, ()) {
+  const auto scene = ordinary_scene(true);
+  const DepthMap size = pgl::depth_map_of(scene.view);
+  const auto depth = drawn(scene, size);
+  const auto exactly = truth(scene);
+  exact::Picture picture(scene.view);
+  picture.draw(exactly);
+  int covered = 0, good = 0;
+  for (std::uint32_t j = 0; j < size.height; ++j)
+    for (std::uint32_t i = 0; i < size.width; ++i) {
+      const Depth d = depth[std::size_t{j} * size.width + i];
+      const DrawnTriangle* const seen = picture.at(static_cast<int>(i), static_cast<int>(j));
+      RC_ASSERT(seen != nullptr || d == far_depth);
+      if (seen == nullptr) continue;
+      ++covered;
+      const Number exactly_here = seen->depth_at_pixel(static_cast<int>(i), static_cast<int>(j));
+      RC_ASSERT(exactly_here <= in_steps(d));
+      good += in_steps(d) - exactly_here <= Number(0x1p-31) ? 1 : 0;  // two steps
+    }
+  RC_ASSERT(good * 1000 >= covered * 999 - 1000);  // edges of the meshes may go exactly through a centre or two
+}
+
+/// For larger texels too, but for those on the cut of what is left of a triangle that passes through the near plane.
+RC_GTEST_PROP(RasterizeDepthProps, largeTexelsAreWrittenWhereOneTriangleCoversThem, ()) {
+  const auto scene = ordinary_scene(false);
+  const DepthMap size = pgl::depth_map_of(scene.view, static_cast<std::uint32_t>(numbers::whole(1, 5)),
+                                          test::coin() ? Coverage::centres : Coverage::whole);
+  const auto depth = drawn(scene, size);
+  const auto exactly = truth(scene);
+  int covered = 0, good = 0;
+  for (std::uint32_t j = 0; j < size.height; ++j)
+    for (std::uint32_t i = 0; i < size.width; ++i) {
+      if (i == size.width - 1 || j == size.height - 1) continue;  // may end beyond the picture
+      const auto all = places(scene.view, size, i, j);
+      std::optional<Number> nearest;
+      for (const DrawnTriangle& t : exactly)
+        if (const auto most = farthest(t, all); most && (!nearest || *most < *nearest)) nearest = most;
+      const Depth d = depth[std::size_t{j} * size.width + i];
+      RC_ASSERT(nearest || d == far_depth);
+      if (!nearest) continue;
+      ++covered;
+      RC_ASSERT(*nearest <= in_steps(d));
+      good += in_steps(d) - *nearest <= Number(0x1p-31) ? 1 : 0;
+    }
+  RC_ASSERT(good * 1000 >= covered * 999 - 1000);
 }
 
 }  // namespace
