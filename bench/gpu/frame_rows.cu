@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "bench.cuh"
+#include "device_scene.cuh"
 #include "host_frame.hpp"
 #include "pgl/cuda/cull_frustum.cuh"
 #include "pgl/cuda/distribute_budget.cuh"
@@ -20,30 +21,7 @@
 namespace pgl::bench {
 namespace {
 
-using Index = std::uint16_t;
-
-/// What every frame reads, on the device.
-struct DeviceScene {
-  DeviceScene(const Bench& bench, const Scene& s)
-      : meshes(bench.upload(s.meshes)),
-        objects(bench.upload(s.objects)),
-        mesh_of_object(bench.upload(s.mesh_of_object)),
-        min_vertices(bench.upload(s.min_vertices)),
-        max_vertices(bench.upload(s.max_vertices)),
-        boxes(bench.upload(s.boxes)),
-        vertices(bench.upload(s.vertices)),
-        triangles(bench.upload(s.triangles)),
-        ecol(bench.upload(s.ecol)),
-        map(bench.upload(s.map)) {}
-  DeviceArray<Mesh> meshes;
-  DeviceArray<Object> objects;
-  DeviceArray<std::uint32_t> mesh_of_object, min_vertices, max_vertices;
-  DeviceArray<Box> boxes;
-  DeviceArray<glm::vec3> vertices;
-  DeviceArray<Triangle<Index>> triangles;
-  DeviceArray<Index> ecol;
-  DeviceArray<std::uint32_t> map;
-};
+using Index = DeviceScene::Index;
 
 /// The steps of a frame on the device, as HostFrame has them. The inputs of every step are the host's results at first,
 /// so that each can be run alone.
@@ -218,13 +196,11 @@ void wide_rows(Bench& bench, const DeviceScene& scene, const HostFrame& host, De
 
 }  // namespace
 
-void frame_rows(Bench& bench, const Model& model, const Workload& workload) {
-  const Scene scene = scene_of(model.meshes, model.order, model.arranged, workload.objects);
+void frame_rows(Bench& bench, const Scene& scene, const DeviceScene& device_scene, const Workload& workload) {
   HostFrame host(scene, {.budget = workload.budget});
   const Chains chains = host.chains();
   describe(bench, host, chains);
   const LeastBytes bytes(host, chains);
-  const DeviceScene device_scene(bench, scene);
   DeviceFrame device(bench, device_scene, host);
   const auto counts = [&](const DeviceFrame& d, const HostFrame& h) {
     return std::vector{expect(d.counts, h.counts), expect(d.totals, std::span(&h.totals, 1))};

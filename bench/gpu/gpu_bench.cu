@@ -10,6 +10,8 @@
 #include <thread>
 
 #include "bench.cuh"
+#include "device_scene.cuh"
+#include "host_frame.hpp"
 #include "rows.hpp"
 
 namespace pgl::bench {
@@ -167,7 +169,12 @@ int run(const Arguments& arguments) {
     bench.copy();
     Model model = make_model(bench, arguments.workload);
     model.scan = std::move(scan);
-    frame_rows(bench, model, arguments.workload);
+    {
+      const Scene scene = scene_of(model.meshes, model.order, model.arranged, arguments.workload.objects);
+      const DeviceScene device_scene(bench, scene);
+      frame_rows(bench, scene, device_scene, arguments.workload);
+      occlusion_rows(bench, scene, device_scene, arguments.workload);
+    }
     rearrange_rows(bench, model);
     ecol_rows(bench, model, arguments.workload);
   } catch (const std::exception& error) {

@@ -12,6 +12,8 @@
 namespace pgl::bench {
 
 class Bench;
+struct DeviceScene;
+struct Scene;
 
 /// What the rows are about; as it stands, [Peng13] Table 4.5, for which there are targets.
 struct Workload {
@@ -40,7 +42,10 @@ struct Model {
 };
 
 /// Selection and building of a frame, step by step and as a whole.
-void frame_rows(Bench& bench, const Model& model, const Workload& workload);
+void frame_rows(Bench& bench, const Scene& scene, const DeviceScene& device_scene, const Workload& workload);
+
+/// Occlusion culling, step by step and as a whole, of another view than the frame's: in that one all is seen.
+void occlusion_rows(Bench& bench, const Scene& scene, const DeviceScene& device_scene, const Workload& workload);
 
 /// rearrange of the whole model.
 void rearrange_rows(Bench& bench, const Model& model);
