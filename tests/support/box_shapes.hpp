@@ -28,6 +28,25 @@ inline TriangleMesh box_mesh(float x, float y, float z, int level = 0) {
   return m;
 }
 
+/// The six faces of a box whose edges and corners are cut off: only the faces tell how the box lies.
+inline TriangleMesh chamfered_box(const glm::vec3& half, float cut) {
+  TriangleMesh m;
+  for (int axis = 0; axis < 3; ++axis)
+    for (const float sign : {-1.0f, 1.0f}) {
+      const std::uint32_t first = m.vertex_count();
+      for (int i = 0; i < 4; ++i) {
+        glm::vec3 p;
+        p[axis] = sign * half[axis];
+        p[(axis + 1) % 3] = (i & 1 ? 1.0f : -1.0f) * (half[(axis + 1) % 3] - cut);
+        p[(axis + 2) % 3] = (i & 2 ? 1.0f : -1.0f) * (half[(axis + 2) % 3] - cut);
+        m.positions.push_back(p);
+      }
+      m.triangles.push_back({{first, first + 1, first + 3}});
+      m.triangles.push_back({{first, first + 3, first + 2}});
+    }
+  return m;
+}
+
 /// An open tube of n sides along z.
 inline TriangleMesh tube(std::uint32_t n, float length) {
   TriangleMesh m;
@@ -65,6 +84,7 @@ inline std::vector<NamedMesh> box_shapes() {
                              {"plank", box_mesh(5, 1, 0.1f)},
                              {"tessellated plank", box_mesh(5, 1, 0.1f, 3)},
                              {"rod", box_mesh(10, 0.1f, 0.1f, 1)},
+                             {"chamfered box", chamfered_box({4, 2, 1}, 0.2f)},
                              {"cross", beside(box_mesh(4, 1, 1, 1), box_mesh(1, 4, 1, 1), 0)},
                              {"tetrahedron", tetrahedron()},
                              {"octahedron", octahedron()},

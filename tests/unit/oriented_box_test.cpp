@@ -70,6 +70,16 @@ TEST(OrientedBox, OfARotatedBoxIsThatBoxUpToRounding) {
       }
 }
 
+TEST(OrientedBox, OfAPartWithCutEdgesIsFlushWithItsFaces) {
+  std::mt19937 rng(7);
+  for (const glm::vec3& half : {glm::vec3(4, 2, 1), glm::vec3(5, 4, 3), glm::vec3(20, 2, 0.5f)})
+    for (int i = 0; i < 20; ++i) {
+      const TriangleMesh mesh = test::rotated(test::chamfered_box(half, half.z / 8), test::random_axes(rng));
+      const OrientedBox box = find(mesh).box;
+      for (int k = 0; k < 3; ++k) EXPECT_NEAR(box.half[k], half[k], 4e-6f * half.x);
+    }
+}
+
 TEST(OrientedBox, IsAtMost15PercentLargerThanTheLeastOnTheTestShapes) {
   std::mt19937 rng(2);
   for (const test::NamedMesh& shape : test::box_shapes()) {

@@ -74,11 +74,12 @@ inline std::size_t compact_objects(std::span<const OccluderFace> faces, std::spa
 /// candidates: in, indices of objects, each at most once, in any order (as the compact objects of a model, or all of
 /// them); ascending order is the fastest. faces: in, one per object. in_view: in, one per object, 0 where it is out of
 /// view; empty means all are in view. occluders: out, overlapping no input: the indices chosen, in the order that they
-/// have among the candidates, and no_object in the rest where there are fewer. A candidate whose weight is NaN is never
-/// chosen; one whose weight is 0 is, as the lightest. Preconditions: every candidate is below faces.size(); in_view, if
-/// not empty, has faces.size() entries; faces.size() <= 2^31. O(candidates + occluders), in parallel; allocates only
-/// where the workspace is smaller than ever before. The same for any number of threads. Source: [Peng13] 4.2.1 and
-/// Eq 4.2.
+/// have among the candidates, and no_object in the rest where there are fewer.
+/// A candidate whose weight is NaN is never chosen; one whose weight is 0 is, as the lightest.
+/// Preconditions: every candidate is below faces.size(); in_view, if not empty, has faces.size() entries;
+/// faces.size() <= 2^31. O(candidates + occluders), in parallel; allocates only where the workspace is smaller than
+/// ever before. The same for any number of threads.
+/// Source: [Peng13] 4.2.1 and Eq 4.2.
 inline void select_occluders(std::span<const std::uint32_t> candidates, std::span<const OccluderFace> faces,
                              std::span<const std::uint8_t> in_view, const View& view, OccluderWorkspace& workspace,
                              std::span<std::uint32_t> occluders) {
