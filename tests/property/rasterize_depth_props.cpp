@@ -102,25 +102,30 @@ RC_GTEST_PROP(RasterizeDepthProps, aTexelThatIsWrittenIsCoveredAndNotTooNear, ()
   }
 }
 
-/// A view of 16 x 16 pixels that shows the origin exactly at the centre of pixel (i, j), at a window depth a bit above
-/// a step, and everything else in any direction.
-View around_the_origin(int i, int j) {
+/// A view of 16 x 16 pixels that shows the origin exactly at the centre of pixel (i, j), at a window depth that is a
+/// millionth of a step or so beyond a whole step. Points of in_units(unit) are mostly off the picture, behind the near
+/// plane.
+View around_the_origin(int i, int j, float unit) {
   View v;
   v.width = v.height = 16;
-  v.depth_range = pgl::DepthRange::zero_to_one;
+  v.depth_range = test::coin() ? pgl::DepthRange::zero_to_one : pgl::DepthRange::minus_one_to_one;
+  v.depth_order = test::coin() ? pgl::DepthOrder::reversed : pgl::DepthOrder::conventional;
+  // Depth a / m, where a * 2^32 is 1, 2 or 3 modulo m.
+  const std::int64_t m = 2 * numbers::whole(1 << 15, 1 << 18) + 1;
+  std::int64_t a = numbers::whole(1, 3);
+  for (int k = 0; k < 32; ++k) a = (a % 2 == 0 ? a : a + m) / 2;
+  std::int64_t z = a;
+  if (v.depth_order == pgl::DepthOrder::reversed) z = m - z;
+  if (v.depth_range == pgl::DepthRange::minus_one_to_one) z = 2 * z - m;
+  const auto number = [](std::int64_t n) { return static_cast<float>(n); };
+  const float part = std::ldexp(number(std::min(a, m - a)), -numbers::whole(25, 40)) / unit;
   for (int column = 0; column < 3; ++column) {
     v.clip_from_world[column].x = numbers::number(numbers::Kind::plain);
     v.clip_from_world[column].y = numbers::number(numbers::Kind::plain);
-    v.clip_from_world[column].z = numbers::whole(0, 2) ? numbers::number(numbers::Kind::plain) * 0x1p-12f : 0.0f;
-    v.clip_from_world[column].w = numbers::whole(0, 2) ? numbers::number(numbers::Kind::plain) * 0x1p-12f : 0.0f;
+    v.clip_from_world[column].z = numbers::whole(0, 3) ? numbers::number(numbers::Kind::plain) * part : 0.0f;
+    v.clip_from_world[column].w = numbers::whole(0, 3) ? numbers::number(numbers::Kind::plain) * part : 0.0f;
   }
-  const float x = static_cast<float>(2 * i - 15) / 16, y = static_cast<float>(2 * j - 15) / 16;
-  const float bits = 1 + static_cast<float>(numbers::whole(0, 0x7fffff)) * 0x1p-23f;
-  v.clip_from_world[3] = {x, y, std::ldexp(bits, -numbers::whole(1, 20)), 1};
-  if (numbers::whole(0, 1)) {
-    v.depth_order = pgl::DepthOrder::reversed;
-    v.clip_from_world[3].z = 1 - 0x1p-23f;
-  }
+  v.clip_from_world[3] = {number((2 * i - 15) * m) / 16, number((2 * j - 15) * m) / 16, number(z), number(m)};
   return v;
 }
 
@@ -143,9 +148,9 @@ DepthScene<std::uint32_t> one_triangle(const View& view, const glm::vec3& a, con
 RC_GTEST_PROP(RasterizeDepthProps, anEdgeExactlyThroughAPixelsCentreDoesNotCoverIt, ()) {
   for (int repeat = 0; repeat < 200; ++repeat) {
     const int i = numbers::whole(0, 15), j = numbers::whole(0, 15);
-    const float unit = std::ldexp(1.0f, numbers::whole(-22, 10));
+    const float unit = std::ldexp(1.0f, numbers::whole(-12, 20));
     const glm::vec3 a = in_units(unit), c = in_units(unit);
-    const auto scene = one_triangle(around_the_origin(i, j), a, -a, c);
+    const auto scene = one_triangle(around_the_origin(i, j, unit), a, -a, c);
     RC_ASSERT(!truth(scene)[0].covers_pixel(i, j, true));
     RC_ASSERT(holds(scene, pgl::depth_map_of(scene.view)));
   }
@@ -154,9 +159,9 @@ RC_GTEST_PROP(RasterizeDepthProps, anEdgeExactlyThroughAPixelsCentreDoesNotCover
 RC_GTEST_PROP(RasterizeDepthProps, aDepthJustBeyondAStepIsRoundedToTheNext, ()) {
   for (int repeat = 0; repeat < 200; ++repeat) {
     const int i = numbers::whole(0, 15), j = numbers::whole(0, 15);
-    const float unit = std::ldexp(1.0f, numbers::whole(-22, 10));
+    const float unit = std::ldexp(1.0f, numbers::whole(-12, 20));
     const glm::vec3 a = in_units(unit), b = in_units(unit);
-    const auto scene = one_triangle(around_the_origin(i, j), a, b, -(a + b));  // the origin is its centroid
+    const auto scene = one_triangle(around_the_origin(i, j, unit), a, b, -(a + b));  // the origin is its centroid
     RC_ASSERT(holds(scene, pgl::depth_map_of(scene.view)));
   }
 }
