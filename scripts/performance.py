@@ -73,6 +73,13 @@ def section(result):
             f"are drawn, with {get('vertices_drawn'):,} vertices and {get('triangles_drawn'):,} triangles; a corner "
             f"takes {get('steps_per_corner'):.2f} collapses on average, {get('steps_longest'):,} at most."
         )
+    if "occlusion_hidden" in result:
+        text.append(
+            f"Occlusion culling is measured from just outside a corner of the plant, at eye level: {get('occluders'):,} "
+            f"occluders with {get('occluder_triangles'):,} triangles hide {get('occlusion_hidden'):,} of the "
+            f"{get('occlusion_in_view'):,} objects in view on a map of 4096 by 4096; `inside` is a view from a bay in "
+            "its midst."
+        )
     if compared and not differ:
         text.append(f"In all {len(compared)} rows that compare them, the GPU wrote the host's bytes.")
     if differ:

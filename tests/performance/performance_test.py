@@ -1,8 +1,10 @@
 """scripts/performance.py, scripts/gpu, scripts/mutants and gpu_bench as their users meet them, without a GPU."""
 
+import fnmatch
 import json
 import os
 import pathlib
+import re
 import runpy
 import subprocess
 import sys
@@ -67,6 +69,12 @@ class Page(unittest.TestCase):
         self.assertIn("**The GPU's bytes differ from the host's in:** `wrong`.", self.page.read_text())
         self.assertNotIn("In all", self.page.read_text())
 
+    def test_says_what_is_hidden(self):
+        hidden = {"occlusion_in_view": 718000, "occlusion_hidden": 440000, "occluders": 20, "occluder_triangles": 113280}
+        self.write(SAMPLE | hidden)
+        self.assertEqual(self.performance().returncode, 0)
+        self.assertIn("20 occluders with 113,280 triangles hide 440,000 of the 718,000 objects", self.page.read_text())
+
     def test_is_checked_against_the_result(self):
         self.write(SAMPLE)
         self.assertEqual(self.performance("--check").returncode, 1)
@@ -122,10 +130,22 @@ class WithoutGpu(unittest.TestCase):
     def test_scripts_mutants_is_up_to_date(self):
         mutants = runpy.run_path(str(ROOT / "scripts" / "mutants"))["MUTANTS"]
         self.assertGreater(len(mutants), 0)
+        self.assertEqual(len({mutant[0] for mutant in mutants}), len(mutants))
         for name, header, old, new, test, _ in mutants:
             self.assertTrue(old in (ROOT / "include" / "pgl" / header).read_text(), f"{name} is not in {header}")
             self.assertNotEqual(old, new, name)
             self.assertTrue((ROOT / "tests" / "twin" / f"{test}.cu").exists(), name)
+
+    def test_scripts_gpu_sanitizes_cases_that_exist(self):
+        script = (ROOT / "scripts" / "gpu").read_text()
+        selected = re.findall(r'^    (\w+_twin)\*?\) echo "([^"]+)" ;;$', script, re.MULTILINE)
+        self.assertGreater(len(selected), 0)
+        for test, patterns in selected:
+            source = (ROOT / "tests" / "twin" / f"{test}.cu").read_text()
+            titles = re.findall(r"^\w*(?:TEST|PROP)\w*\(\s*(\w+),\s*(\w+)", source, re.MULTILINE)
+            for pattern in patterns.split(":"):
+                found = [title for title in titles if fnmatch.fnmatchcase(".".join(title), pattern)]
+                self.assertTrue(found, f"{test} has no {pattern}")
 
 
 @unittest.skipUnless("PGL_GPU_BENCH_PROGRAM" in os.environ, "gpu_bench is not built")
@@ -150,8 +170,8 @@ class Bench(unittest.TestCase):
             result, table, page = (pathlib.Path(folder, name) for name in ("gpu.json", "gpu.txt", "page.md"))
             page.write_text(PAGE)
             run = call([self.program, "--host-only", "--quick", "--objects", "300", "--budget", "20000", "--rows",
-                        "cull,reform,frame/fair", "--context", 'note=a "quoted" one', "--json", str(result), "--table",
-                        str(table)])  # fmt: skip
+                        "cull,reform,frame/fair,oriented,rasterize", "--context", 'note=a "quoted" one', "--json",
+                        str(result), "--table", str(table)])  # fmt: skip
             self.assertEqual(run.returncode, 0, run.stderr)
             written = json.loads(result.read_text())
             self.assertEqual(written["note"], 'a "quoted" one')
@@ -163,6 +183,12 @@ class Bench(unittest.TestCase):
                 self.assertGreater(rows[name]["bytes"], 0, name)
                 self.assertNotIn("ms", rows[name])
                 self.assertIn(name, table.read_text())
+            for name in ("oriented_boxes", "rasterize_depth/1024", "rasterize_depth/1024/inside", "rasterize_depth/4096",
+                         "rasterize_depth/4096/inside", "cull_occluded/1024", "cull_occluded/4096"):  # fmt: skip
+                self.assertGreater(rows[name]["host_all_ms"], 0, name)
+                self.assertGreater(rows[name]["bytes"], 0, name)
+            self.assertGreater(written["occlusion_hidden"], 0)
+            self.assertLess(written["occlusion_hidden"], written["occlusion_in_view"])
             self.assertEqual(rows["cull_frustum"]["bytes"], 300 * 25)
             self.assertNotIn("project", rows)
             script = str(ROOT / "scripts" / "performance.py")
