@@ -22,6 +22,7 @@
 #include "pgl/cuda/cull_occluded.cuh"
 #include "pgl/cuda/distribute_budget.cuh"
 #include "pgl/cuda/gather.cuh"
+#include "pgl/cuda/keep_flagged.cuh"
 #include "pgl/cuda/launch.cuh"
 #include "pgl/cuda/project.cuh"
 #include "pgl/cuda/rasterize_depth.cuh"
@@ -204,6 +205,7 @@ class CudaBackend {
   void select_occluders(auto&&... arguments) {
     must(cuda::select_occluders(arguments..., launch()), "choosing occluders");
   }
+  void keep_flagged(auto&&... arguments) { must(cuda::keep_flagged(arguments..., launch()), "choosing among objects"); }
   void clear(std::span<Depth> depths) {
     static_assert(far_depth == 0xffffffffu);
     must(cudaMemsetAsync(depths.data(), 0xff, depths.size_bytes(), queue_.stream()), "clearing the depth");
@@ -248,8 +250,8 @@ class CudaBackend {
     return fetched;
   }
   template <class T>
-  std::vector<T> download(std::span<T> values) {
-    std::vector<T> result(values.size());
+  std::vector<std::remove_const_t<T>> download(std::span<T> values) {
+    std::vector<std::remove_const_t<T>> result(values.size());
     copy_back(std::span<const T>(values), result);
     finish();
     return result;

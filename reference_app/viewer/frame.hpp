@@ -6,6 +6,7 @@
 #include <chrono>
 #include <cstddef>
 #include <cstdint>
+#include <iterator>
 #include <limits>
 #include <span>
 #include <stdexcept>
@@ -110,6 +111,7 @@ class Frame final : public AnyFrame {
         auto&&... backend)
       : backend_(backend...),
         occlusion_(occlusion.mode != OcclusionMode::off),
+        temporal_(occlusion.mode == OcclusionMode::temporal),
         meshes_(model.meshes),
         objects_(model.objects),
         vertices_(model.vertices),
@@ -126,6 +128,11 @@ class Frame final : public AnyFrame {
     if (occlusion_) {
       visible_.resize(n);
       occluders_.resize(std::min(occlusion.aos, candidates_.size()));
+      if (temporal_) {
+        choice_ = Array<std::uint8_t>(std::vector<std::uint8_t>(n, 1));
+        visible_ = Array<std::uint8_t>(std::vector<std::uint8_t>(n, 1));
+        more_occluders_.resize(occluders_.size());
+      }
     }
     areas_.resize(n);
     depths_.resize(n);
@@ -195,7 +202,9 @@ class Frame final : public AnyFrame {
     selection.counts = backend_.download(std::span(counts_));
     selection.in_view = backend_.download(std::span(in_view_));
     selection.visible = occlusion_ ? backend_.download(std::span(visible_)) : selection.in_view;
-    selection.occluders = backend_.download(std::span(occluders_));
+    for (const Array<std::uint32_t>* list : {&occluders_, &more_occluders_}) {
+      std::ranges::copy(backend_.download(std::span(*list)), std::back_inserter(selection.occluders));
+    }
     std::erase(selection.occluders, no_object);
     return selection;
   }
@@ -204,25 +213,39 @@ class Frame final : public AnyFrame {
  private:
   /// Writes `visible_`: of the objects in view those that a few others, drawn into the depth at full detail, do not
   /// hide.
+  ///
+  /// Temporal: the first occluders are those among them that were visible in the frame before (at first, all), so that
+  /// none is wasted on what is hidden itself; the second ones, those that the first do not hide, so that what came into
+  /// view hides others too. All are drawn as this frame sees them: nothing visible is lost, whatever moved.
   void cull_occluded(const View& view, FrameTimes& ms, auto&& lap) {
     const DepthMap size = depth_map_of(view);
     hzm_.resize(hzm_texels(size));
     const std::span<Depth> hzm(hzm_), depth = hzm.first(std::size_t{size.width} * size.height);
-    backend_.select_occluders(std::span(candidates_), std::span(faces_), std::span(in_view_), view, occluder_workspace_,
-                              std::span(occluders_));
-    ms.occluders = lap();
+    const std::span<std::uint8_t> in_view(in_view_), visible(visible_), choice(choice_);
+
+    const auto draw = [&](std::span<const std::uint8_t> among, std::span<std::uint32_t> occluders) {
+      backend_.select_occluders(std::span(candidates_), std::span(faces_), among, view, occluder_workspace_, occluders);
+      ms.occluders += lap();
+      backend_.rasterize_depth(std::span(meshes_), std::span(objects_), std::span(vertices_), std::span(triangles_),
+                               std::span(map_), occluders, view, size, depth_workspace_, depth);
+      ms.depth += lap();
+      backend_.build_hzm(size, hzm);
+      ms.hzm += lap();
+    };
+    // An occluder that another hides may go: at every pixel the nearest of all stays, since nothing is before it.
+    const auto cull = [&] {
+      backend_.cull_occluded(std::span(boxes_), in_view, std::span<const std::uint32_t>(), view, size, hzm, visible);
+      ms.occlusion += lap();
+    };
 
     backend_.clear(depth);
-    backend_.rasterize_depth(std::span(meshes_), std::span(objects_), std::span(vertices_), std::span(triangles_),
-                             std::span(map_), std::span(occluders_), view, size, depth_workspace_, depth);
-    ms.depth = lap();
-
-    backend_.build_hzm(size, hzm);
-    ms.hzm = lap();
-
-    backend_.cull_occluded(std::span(boxes_), std::span(in_view_), std::span(occluders_), view, size, hzm,
-                           std::span(visible_));
-    ms.occlusion = lap();
+    if (temporal_) backend_.keep_flagged(in_view, visible, std::span<const std::uint32_t>(), choice);
+    draw(temporal_ ? choice : in_view, std::span(occluders_));
+    cull();
+    if (!temporal_) return;
+    backend_.keep_flagged(visible, std::span<const std::uint8_t>(), std::span(occluders_), choice);
+    draw(choice, std::span(more_occluders_));
+    cull();
   }
 
   /// The objects that may hide others: those at least so compact, the most compact first.
@@ -240,6 +263,7 @@ class Frame final : public AnyFrame {
 
   Backend backend_;
   const bool occlusion_;
+  const bool temporal_;
   const Input<Mesh> meshes_;
   const Input<Object> objects_;
   const Input<glm::vec3> vertices_;
@@ -249,8 +273,8 @@ class Frame final : public AnyFrame {
   const Input<Box> boxes_;
   const Input<OccluderFace> faces_;
   Array<std::uint32_t> candidates_;
-  Array<std::uint32_t> occluders_;
-  Array<std::uint8_t> visible_;  ///< with occlusion culling
+  Array<std::uint32_t> occluders_, more_occluders_;
+  Array<std::uint8_t> visible_, choice_;
   Array<Depth> hzm_;
   Array<std::uint32_t> mesh_of_object_, min_vertices_, max_vertices_, counts_, triangle_counts_;
   Array<std::uint8_t> in_view_;

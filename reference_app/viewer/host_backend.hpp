@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <span>
 #include <tuple>
+#include <type_traits>
 #include <vector>
 
 #include "pgl/host/build_hzm.hpp"
@@ -14,6 +15,7 @@
 #include "pgl/host/cull_occluded.hpp"
 #include "pgl/host/distribute_budget.hpp"
 #include "pgl/host/gather.hpp"
+#include "pgl/host/keep_flagged.hpp"
 #include "pgl/host/project.hpp"
 #include "pgl/host/rasterize_depth.hpp"
 #include "pgl/host/reform.hpp"
@@ -44,6 +46,7 @@ class HostBackend {
   void vertex_limits(auto&&... arguments) { host::vertex_limits(arguments...); }
   void cull_frustum(auto&&... arguments) { host::cull_frustum(arguments...); }
   void select_occluders(auto&&... arguments) { host::select_occluders(arguments...); }
+  void keep_flagged(auto&&... arguments) { host::keep_flagged(arguments...); }
   void clear(std::span<Depth> depths) { std::ranges::fill(depths, far_depth); }
   void rasterize_depth(auto&&... arguments) { host::rasterize_depth(arguments...); }
   void build_hzm(auto&&... arguments) { host::build_hzm(arguments...); }
@@ -63,7 +66,7 @@ class HostBackend {
     return {*values...};
   }
   template <class T>
-  std::vector<T> download(std::span<T> values) {
+  std::vector<std::remove_const_t<T>> download(std::span<T> values) {
     return {values.begin(), values.end()};
   }
 

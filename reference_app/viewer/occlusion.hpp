@@ -6,11 +6,13 @@
 
 namespace pgl::viewer {
 
-enum class OcclusionMode { off, on };
+/// on: the occluders are the heaviest candidates in view, all at once. temporal: first the heaviest of those that the
+/// frame before showed, then the heaviest of what those do not hide.
+enum class OcclusionMode { off, on, temporal };
 
 struct OcclusionOptions {
   OcclusionMode mode = OcclusionMode::off;
-  std::size_t aos = 20;      ///< occluders of a frame; as many as there are candidates where that is less
+  std::size_t aos = 500;     ///< occluders of a frame, temporal: each time; fewer where there are fewer candidates
   float compactness = 0.5f;  ///< a candidate's is at least this, 0..1
 };
 

@@ -140,10 +140,12 @@ std::optional<Options> parse_options(int argc, const char* const* argv) {
                                  {{"host", BackendKind::host}, {"cuda", BackendKind::cuda}},
                                  "What prepares the frames: the CPU or the GPU, to the same bits [host]");
   parser.add_number("--threads", options.threads, 1, 1024, "Threads of the host [all]");
-  parser.add_choice<OcclusionMode>("--occlusion", options.occlusion.mode,
-                                   {{"on", OcclusionMode::on}, {"off", OcclusionMode::off}},
-                                   "Leave out what others hide; the picture then has one sample a pixel [off]");
-  CLI::Option* aos = parser.add("--aos", "Objects that hide others, each frame anew: 0 to 2^32 - 1, or all [20]",
+  parser.add_choice<OcclusionMode>(
+      "--occlusion", options.occlusion.mode,
+      {{"on", OcclusionMode::on}, {"off", OcclusionMode::off}, {"temporal", OcclusionMode::temporal}},
+      "Leave out what others hide, temporal: chosen by what the frame before showed; the "
+      "picture then has one sample a pixel [off]");
+  CLI::Option* aos = parser.add("--aos", "Objects that hide others, each frame anew: 0 to 2^32 - 1, or all [500]",
                                 [&](const std::string& text) {
                                   constexpr std::size_t most = std::numeric_limits<std::uint32_t>::max();
                                   const auto given = text == "all" ? most : number<std::size_t>(text, 0, most);
@@ -226,7 +228,7 @@ std::optional<Options> parse_options(int argc, const char* const* argv) {
   if (options.checksums && stats->count() == 0) refuse("--checksums", "goes into --stats, and none is asked for");
   if (options.occlusion.mode == OcclusionMode::off) {
     for (const CLI::Option* option : {aos, compactness}) {
-      if (option->count() > 0) refuse(option->get_name(), "is for --occlusion on");
+      if (option->count() > 0) refuse(option->get_name(), "is for --occlusion on or temporal");
     }
   }
   if (refuse_non_finite) options.import.non_finite = scene::NonFinite::refuse_file;

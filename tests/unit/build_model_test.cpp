@@ -79,6 +79,10 @@ void expect_equal(const Model<Index>& a, const Model<Index>& b) {
   EXPECT_EQ(a.map, b.map);
   EXPECT_EQ(a.mesh_boxes, b.mesh_boxes);
   EXPECT_EQ(a.object_boxes, b.object_boxes);
+  EXPECT_EQ(a.oriented_boxes, b.oriented_boxes);
+  EXPECT_EQ(a.compactness, b.compactness);
+  EXPECT_EQ(a.faces, b.faces);
+  EXPECT_EQ(a.compactness_order, b.compactness_order);
 }
 
 /// A triangle by its positions, starting at the least corner: equal for equal oriented triangles.
@@ -300,15 +304,39 @@ TEST(BuildModel, LetsExceptionsOfSourceAndProgressThrough) {
   EXPECT_THROW(build_any_model(scene, {}, stop), std::domain_error);
 }
 
+TEST(BuildModel, KnowsWhatMayHideOthers) {
+  // A grid, the same turned and moved, and two triangles far apart: the model's arrays are those of the steps.
+  MeshData strip;
+  strip.positions = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {50, 50, 50}, {51, 50, 50}, {50, 51, 50}};
+  strip.triangles = {{{0, 1, 2}}, {{3, 4, 5}}};
+  glm::mat4x3 turned(1.0f);
+  turned[0] = {0, 1, 0};
+  turned[1] = {-1, 0, 0};
+  turned[3] = {7, 8, 9};
+  const auto model = build_model<Index16>(source_of({strip, grid(5)}),
+                                          {{0, glm::mat4x3(1.0f)}, {1, glm::mat4x3(1.0f)}, {1, turned}}, {});
+  ASSERT_EQ(model.oriented_boxes.size(), 2u);
+  ASSERT_EQ(model.faces.size(), 3u);
+  EXPECT_EQ(model.compactness_order, (std::vector<std::uint32_t>{1, 2, 0}));
+  EXPECT_LT(model.compactness[0], 0.01f);
+  EXPECT_GT(model.compactness[1], 0.3f);
+  for (std::size_t i = 0; i < 3; ++i) {
+    const pgl::Object& object = model.objects[i];
+    EXPECT_EQ(model.faces[i],
+              pgl::occluder_face(model.oriented_boxes[object.mesh], model.compactness[object.mesh], object.transform));
+  }
+}
+
 TEST(BuildModel, TellsProgressUpToTheEnd) {
-  std::size_t last = 0;
+  std::size_t built = 0, boxes = 0;
   build_any_model(varied_scene(), {}, [&](std::string_view stage, std::size_t done, std::size_t total) {
-    EXPECT_EQ(stage, "build");
+    EXPECT_TRUE(stage == "build" || (stage == "boxes" && built == 6)) << stage;
     EXPECT_EQ(total, 6u);
     EXPECT_LE(done, total);
-    last = done;
+    (stage == "build" ? built : boxes) = done;
   });
-  EXPECT_EQ(last, 6u);
+  EXPECT_EQ(built, 6u);
+  EXPECT_EQ(boxes, 6u);
 }
 
 TEST(BuildModel, AcceptsNonFinitePositionsAndKeepsThem) {

@@ -353,8 +353,10 @@ TEST_F(Backends, CullTheSameObjectsFrameAfterFrame) {
   SKIP_WITHOUT_GPU();
   for (const std::string aos : {"0", "20", "all"}) {
     for (const std::string& camera : inside_cameras) {
-      expect_same({"--headless", "--size", "320x180", "--orbit", "--frames", "8", "--objects", "2000", "--budget",
-                   "30000", "--occlusion", "on", "--aos", aos, "--camera", camera});
+      for (const std::string mode : {"on", "temporal"}) {
+        expect_same({"--headless", "--size", "320x180", "--orbit", "--frames", "8", "--objects", "2000", "--budget",
+                     "30000", "--occlusion", mode, "--aos", aos, "--camera", camera});
+      }
     }
   }
   // Odd sizes, and all of a smaller plant.
@@ -568,10 +570,10 @@ TEST_F(Viewer, WhatTheWallHidesIsLeftOut) {
   EXPECT_GT(picture("whole.png").colors(), 3u);
   EXPECT_EQ(picture("culled.png").pixels, picture("whole.png").pixels);
 
-  // All as occluders: those may not be culled, so nothing is.
+  // All as occluders: those that others hide may go, and do not take with them what hides them.
   const Json all = statistics(with(arguments, {"--aos", "all"}));
   EXPECT_EQ(all["occluders"], 5);
-  EXPECT_EQ(all["culled"]["occlusion"], 0);
+  EXPECT_EQ(all["drawn"], culled["drawn"]);
   // From behind, the wall hides nothing.
   const Json behind = statistics(with(arguments, {"--aos", "1", "--camera", "0,0,-20,0,0,0"}));
   EXPECT_EQ(behind["culled"], Json::parse(R"({"frustum": 0, "occlusion": 0})"));
@@ -612,8 +614,10 @@ TEST_F(Viewer, CullingChangesNoPixelOfThePlantAtFullDetail) {
     SKIP_WITHOUT_GL(whole);
     EXPECT_EQ(whole["culled"]["occlusion"], 0);
     const Picture expected = picture("whole.png");
-    for (const std::vector<std::string>& occluders :
-         {std::vector<std::string>{}, {"--aos", "200"}, {"--aos", "1500", "--compactness", "0"}}) {
+    for (const std::vector<std::string>& occluders : {std::vector<std::string>{},
+                                                      {"--aos", "20"},
+                                                      {"--aos", "all", "--compactness", "0"},
+                                                      {"--occlusion", "temporal", "--aos", "50", "--frames", "2"}}) {
       const Json culled = statistics(with(with(arguments, {"--output", "culled.png"}), occluders));
       EXPECT_EQ(culled["culled"]["frustum"], whole["culled"]["frustum"]);
       EXPECT_GT(culled["culled"]["occlusion"], 0);
@@ -629,16 +633,52 @@ TEST_F(Viewer, CullingChangesNoPixelOfThePlantAtFullDetail) {
   EXPECT_GT(hidden, 500u);
 }
 
+TEST_F(Viewer, TemporalCullingLosesNothingWhileTheCameraMoves) {
+  // Each frame equals the same one without culling, though its first occluders were chosen by what the one before
+  // showed.
+  for (const char* frames : {"1", "2", "6"}) {
+    SCOPED_TRACE(frames);
+    const std::vector<std::string> arguments = {
+        "--headless", "--objects", "2000",    "--size",   "480x270", "--budget", "all",
+        "--pet",      "0",         "--orbit", "--frames", frames,    "--camera", "-20,-12,2,-16,-8,2,70"};
+    const Json whole = statistics(with(arguments, {"--occlusion", "on", "--aos", "0", "--output", "whole.png"}));
+    SKIP_WITHOUT_GL(whole);
+    const Json culled =
+        statistics(with(arguments, {"--occlusion", "temporal", "--aos", "10", "--output", "culled.png"}));
+    EXPECT_EQ(culled["occluders"], 20);
+    EXPECT_GT(culled["culled"]["occlusion"], 0);
+    EXPECT_TRUE(picture("culled.png").pixels == picture("whole.png").pixels);
+  }
+}
+
+TEST_F(Viewer, TemporalCullingFollowsTheCameraAroundTheWall) {
+  write_wall("wall.obj");
+  const std::vector<std::string> arguments = {"--headless",  "--size",   "64x48",    "--budget",    "all", "--aos", "1",
+                                              "--occlusion", "temporal", "--camera", "0,0,20,0,0,0"};
+  const Json still = statistics(with(arguments, {"--frames", "4", "wall.obj"}));
+  SKIP_WITHOUT_GL(still);
+  EXPECT_EQ(still["culled"]["occlusion"], 3);
+  EXPECT_EQ(still["drawn"]["objects"], 2);
+  EXPECT_EQ(still["occluders"], 2);  // the wall, and then what it does not hide
+  const Json half_round = statistics(with(arguments, {"--orbit", "--frames", "181", "wall.obj"}));
+  EXPECT_LT(half_round["camera"]["eye"][2], -19.9);
+  EXPECT_EQ(half_round["culled"]["occlusion"], 0);
+  const Json round = statistics(with(arguments, {"--orbit", "--frames", "361", "wall.obj"}));
+  EXPECT_EQ(round["culled"]["occlusion"], 3);
+}
+
 TEST_F(Viewer, CullingDoesNotDependOnTheThreads) {
   const std::vector<std::string> arguments = {
       "--headless", "--objects", "2000",     "--size",          "320x180",     "--budget", "20000",      "--orbit",
       "--frames",   "4",         "--camera", inside_cameras[0], "--occlusion", "on",       "--checksums"};
-  const Json one = statistics(with(arguments, {"--threads", "1"}));
-  SKIP_WITHOUT_GL(one);
-  EXPECT_EQ(one["checksums"].size(), 4u);
-  for (const char* threads : {"2", "5"}) {
-    const Json more = statistics(with(arguments, {"--threads", threads}));
-    for (const char* key : {"checksums", "drawn", "culled", "occluders"}) EXPECT_EQ(more[key], one[key]) << key;
+  for (const char* mode : {"on", "temporal"}) {
+    const Json one = statistics(with(arguments, {"--threads", "1", "--occlusion", mode}));
+    SKIP_WITHOUT_GL(one);
+    EXPECT_EQ(one["checksums"].size(), 4u);
+    for (const char* threads : {"2", "5"}) {
+      const Json more = statistics(with(arguments, {"--threads", threads, "--occlusion", mode}));
+      for (const char* key : {"checksums", "drawn", "culled", "occluders"}) EXPECT_EQ(more[key], one[key]) << key;
+    }
   }
 }
 
