@@ -102,10 +102,15 @@ RC_GTEST_PROP(RasterizeDepthProps, aTexelThatIsWrittenIsCoveredAndNotTooNear, ()
   }
 }
 
+/// Window depth a / m.
+struct KnownDepth {
+  std::int64_t a, m;
+};
+
 /// A view of 16 x 16 pixels that shows the origin exactly at the centre of pixel (i, j), at a window depth that is a
 /// millionth of a step or so beyond a whole step. Points of in_units(unit) are mostly off the picture, behind the near
 /// plane.
-View around_the_origin(int i, int j, float unit) {
+View around_the_origin(int i, int j, float unit, KnownDepth* depth = nullptr) {
   View v;
   v.width = v.height = 16;
   v.depth_range = test::coin() ? pgl::DepthRange::zero_to_one : pgl::DepthRange::minus_one_to_one;
@@ -114,6 +119,7 @@ View around_the_origin(int i, int j, float unit) {
   const std::int64_t m = 2 * numbers::whole(1 << 15, 1 << 18) + 1;
   std::int64_t a = numbers::whole(1, 3);
   for (int k = 0; k < 32; ++k) a = (a % 2 == 0 ? a : a + m) / 2;
+  if (depth != nullptr) *depth = {a, m};
   std::int64_t z = a;
   if (v.depth_order == pgl::DepthOrder::reversed) z = m - z;
   if (v.depth_range == pgl::DepthRange::minus_one_to_one) z = 2 * z - m;
@@ -143,6 +149,29 @@ DepthScene<std::uint32_t> one_triangle(const View& view, const glm::vec3& a, con
   const pgl::Triangle<std::uint32_t> corners[1] = {{{0, 1, 2}}};
   scene.add_occluder(scene.add_mesh(points, corners));
   return scene;
+}
+
+/// What the other properties rely on, without its formulas: the origin as a known sum of a triangle's corners.
+RC_GTEST_PROP(RasterizeDepthProps, theExactPictureHasAKnownPointOfATriangleAtItsDepth, ()) {
+  int inside = 0;
+  for (int repeat = 0; repeat < 100; ++repeat) {
+    const int i = numbers::whole(0, 15), j = numbers::whole(0, 15);
+    const float unit = std::ldexp(1.0f, numbers::whole(-12, 20));
+    KnownDepth known{};
+    const View view = around_the_origin(i, j, unit, &known);
+    const glm::vec3 a = in_units(unit), b = in_units(unit);
+    const DrawnTriangle around(view, a, b, -(a + b));  // a third of each
+    if (around.covers_pixel(i, j, true)) {             // not edge-on
+      ++inside;
+      RC_ASSERT(around.depth_at_pixel(i, j) == Number(mpz_class(known.a)) / mpz_class(known.m));
+    }
+    const DrawnTriangle beside(view, a, 2.0f * b, a + b);  // 2, 1 and -2 of them
+    RC_ASSERT(!beside.covers_pixel(i, j));
+    const DrawnTriangle touching(view, a, -a, b);
+    RC_ASSERT(!touching.covers_pixel(i, j, true));
+    RC_ASSERT(touching.covers_pixel(i, j) == around.covers_pixel(i, j, true));
+  }
+  RC_ASSERT(inside >= 90);
 }
 
 RC_GTEST_PROP(RasterizeDepthProps, anEdgeExactlyThroughAPixelsCentreDoesNotCoverIt, ()) {
