@@ -118,6 +118,10 @@ PGL_HD constexpr bool is_hidden(const ScreenBox& rectangle, Depth nearest, const
   return nearest > farther(farther(low[x0], low[x1]), farther(high[x0], high[x1]));
 }
 
+/// How much farther than the map's depths a box must be to be hidden, 2^-22 of the range from near to far: renderers keep
+/// depths in 24 bits, rounded, and may show a surface that lies nearer behind another one than that.
+inline constexpr Depth depth_guard = 1u << 10;
+
 /// Tells whether a box is hidden by what is in the map. True is certain: no sample of the picture shows a point of it.
 ///
 /// hzm: the map of the picture's samples as rasterize_depth promises it, none of its depths nearer than the occluders'
@@ -128,7 +132,7 @@ PGL_HD constexpr bool is_hidden(const ScreenBox& rectangle, Depth nearest, const
 PGL_HD inline bool is_hidden(const Box& box, const View& view, const Hzm& hzm) {
   Depth nearest = 0;
   const ScreenBox rectangle = project(box, view, nearest);
-  return is_hidden(rectangle, nearest, hzm);
+  return nearest > depth_guard && is_hidden(rectangle, nearest - depth_guard, hzm);
 }
 
 }  // namespace pgl

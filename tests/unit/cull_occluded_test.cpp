@@ -7,6 +7,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <limits>
+#include <tuple>
 #include <vector>
 
 #include "pgl/host/build_hzm.hpp"
@@ -290,6 +291,21 @@ TEST(CullOccluded, KeepsWhatIsOutOfViewOutAndOccludersIn) {
   EXPECT_EQ(visible, (std::vector<std::uint8_t>{0, 1, 1, 0, 0}));
   pgl::host::cull_occluded(boxes, in_view, occluders, view, size, wall(size, 10), in_view);  // in place
   EXPECT_EQ(in_view, visible);
+}
+
+TEST(CullOccluded, KeepsWhatADepthBufferMayTakeForNearer) {
+  View view;  // depth is z
+  view.depth_range = pgl::DepthRange::zero_to_one;
+  const DepthMap size = pgl::depth_map_of(view);
+  for (const auto& [z, texel, visible] :
+       {std::tuple{0.5f, 0x80000000u, 1}, std::tuple{0.5f + 0x1p-22f, 0x80000000u, 1},
+        std::tuple{0.5f + 0x1p-21f, 0x80000000u, 0}, std::tuple{1.0f, pgl::far_depth, 1}, std::tuple{0x1p-22f, 0u, 1},
+        std::tuple{0x1p-21f, 0u, 0}}) {
+    const std::vector<Box> boxes{{{-0.5f, -0.5f, z}, {0.5f, 0.5f, 1}}};
+    std::vector<std::uint8_t> in_view{1};
+    pgl::host::cull_occluded(boxes, in_view, {}, view, size, std::vector<Depth>{texel}, in_view);
+    EXPECT_EQ(in_view[0], visible) << "at " << z;
+  }
 }
 
 TEST(CullOccluded, TakesNoBoxes) {
