@@ -28,9 +28,9 @@ struct Part {
   std::size_t base;  ///< where the occluder's vertices begin in the workspace
 };
 
-inline constexpr std::uint32_t part_size = 1024;             ///< vertices or triangles
-inline constexpr std::size_t batch_vertices = 1 << 15;       ///< per thread: those in the workspace stay in its caches
-inline constexpr std::uint64_t most_texels_alone = 1 << 16;  ///< larger boxes are cut into bands of rows
+inline constexpr std::uint32_t part_size = 1024;           ///< vertices or triangles
+inline constexpr std::size_t batch_vertices = 1 << 15;     ///< per thread: those in the workspace stay in its caches
+inline constexpr std::uint64_t most_shared_texels = 1024;  ///< larger boxes are drawn in bands of rows, one thread each
 
 inline void add_parts(std::vector<Part>& parts, std::uint32_t object, std::uint32_t count, std::size_t base) {
   for (std::uint32_t first = 0; first < count; first += part_size)
@@ -113,7 +113,7 @@ void rasterize_depth(std::span<const Mesh> meshes, std::span<const Object> objec
     const DepthVertex* const placed = workspace.vertices.data() + part.base;
     auto& large = workspace.large[thread_index()];
     const auto draw = [&](const DepthTriangle& t) {
-      if (std::uint64_t{t.columns} * t.rows > detail::most_texels_alone)
+      if (threads > 1 && std::uint64_t{t.columns} * t.rows > detail::most_shared_texels)
         large.push_back(t);
       else
         detail::draw_rows<shared>(t, 0, t.rows, size.width, depth.data());
@@ -170,7 +170,7 @@ void rasterize_depth(std::span<const Mesh> meshes, std::span<const Object> objec
     // The large triangles: each thread draws the rows of its bands of the map.
     const auto is_empty = [](const auto& large) { return large.empty(); };
     if (std::ranges::all_of(workspace.large, is_empty)) continue;
-    const std::uint32_t bands = static_cast<std::uint32_t>(threads == 1 ? 1 : 4 * threads);
+    const std::uint32_t bands = static_cast<std::uint32_t>(4 * threads);
     const std::uint32_t band_rows = (size.height - 1) / bands + 1;
     parallel_for(bands, 1, [&](std::size_t band) {
       const std::uint64_t begin = band * band_rows, end = begin + band_rows;
