@@ -10,6 +10,7 @@
 #include <cmath>
 #include <cstdint>
 #include <cstdio>
+#include <ctime>
 #include <exception>
 #include <filesystem>
 #include <limits>
@@ -26,6 +27,7 @@
 #include "pgl/host/cull_frustum.hpp"
 #include "pgl/host/cull_occluded.hpp"
 #include "pgl/host/distribute_budget.hpp"
+#include "pgl/host/keep_flagged.hpp"
 #include "pgl/host/project.hpp"
 #include "pgl/host/rasterize_depth.hpp"
 #include "pgl/host/select_occluders.hpp"
@@ -46,14 +48,16 @@ using pgl::scene::MeshData;
 using pgl::scene::Model;
 using pgl::viewer::Camera;
 
-constexpr double path_frames = 600;  ///< frames of the whole way: what last frame's choice sees differs by one
-constexpr std::size_t no_limit = ~std::size_t{0};
+constexpr double path_frames = 600;  ///< of the whole way
 
+/// The time of the processor where the study runs on one thread, since others share the machine; else that of the
+/// clock.
 double seconds() {
+  if (pgl::host::thread_count() == 1) return static_cast<double>(std::clock()) / CLOCKS_PER_SEC;
   return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
 }
 
-/// Milliseconds of body(): the least of some, since others share the machine.
+/// Milliseconds of body(): the least of some.
 template <class Body>
 double least_ms(int repetitions, Body&& body) {
   double least = std::numeric_limits<double>::infinity();
@@ -213,13 +217,13 @@ class IdPicture {
 
 /// How occluders are chosen.
 enum class Choice {
-  selected,   ///< select_occluders among the compact objects
-  last,       ///< the same among those that the last frame kept
-  last_all,   ///< all that the last frame kept
+  selected,   ///< select_occluders among the compact objects in view
+  temporal,   ///< half of them among those that the last frame showed, then half among those not hidden by the first
+  last_all,   ///< all that the last frame showed
   most_seen,  ///< those that show the most samples, which only the truth knows
   all         ///< all in view: what the test finds at best
 };
-constexpr const char* choice_names[] = {"selected", "last", "last all", "most seen", "all"};
+constexpr const char* choice_names[] = {"selected", "temporal", "all of last", "most seen", "all"};
 
 struct Way {
   Choice choice = Choice::selected;
@@ -232,7 +236,7 @@ struct Way {
 struct Sums {
   double cameras = 0, in_view = 0, seen = 0, hidden = 0, no_sample = 0;
   double culled = 0, culled_hidden = 0, culled_no_sample = 0, wrong = 0;
-  double more_hidden = 0;  ///< occluders that the test would find hidden too, by the others
+  double culled_occluders = 0;  ///< of the culled: those that hide others, but are hidden themselves
   double occluder_triangles = 0;
   std::array<double, 4> ms{};  ///< choosing, depth, map, test
   double vertices_in_view = 0, vertices_culled = 0, budget = 0;
@@ -251,6 +255,7 @@ class Study {
     depths_.resize(n);
     least_.resize(n);
     most_.resize(n);
+    among_.resize(n);
     for (auto& counts : counts_) counts.resize(n);
     std::vector<std::uint32_t> mesh_of_object(n);
     for (std::size_t i = 0; i < n; ++i) mesh_of_object[i] = model.objects[i].mesh;
@@ -267,9 +272,10 @@ class Study {
       look(place, t);
       picture_.draw(model_, in_view_, view_);
       for (std::size_t w = 0; w < ways.size(); ++w) {
-        if (ways[w].choice == Choice::last || ways[w].choice == Choice::last_all) {
+        if (ways[w].choice == Choice::temporal || ways[w].choice == Choice::last_all) {
           see_last_frames(place, t, ways[w]);
           look(place, t);
+          last_ = kept_;
         }
         occlude(ways[w], effect ? 1 : 3, sums[w]);
         count(sums[w]);
@@ -281,15 +287,15 @@ class Study {
     for (std::size_t w = 0; w < ways.size(); ++w)
       print(table, place, choice_names[static_cast<int>(ways[w].choice)], ways[w], sums[w]);
     if (effect) {
-      print(table, place, "every texel", {Choice::all, no_limit, 1, 0.0f}, limits[0]);
-      print(table, place, "every sample", {Choice::all, no_limit, 1, 0.0f}, limits[1]);
+      print(table, place, "every texel", {Choice::all}, limits[0]);
+      print(table, place, "every sample", {Choice::all}, limits[1]);
     }
   }
 
   static void print_header() {
     std::puts(
         "table,scene,objects,triangles,place,choice,occluders,scale,threshold,threads,cameras,in_view,seen,hidden,"
-        "no_sample,culled,culled_hidden,culled_no_sample,wrong,more_hidden,occluder_triangles,ms_select,ms_depth,"
+        "no_sample,culled,culled_hidden,culled_no_sample,wrong,culled_occluders,occluder_triangles,ms_select,ms_depth,"
         "ms_hzm,ms_test,vertices_in_view,vertices_culled,budget,seen_vertices_off,seen_vertices_on,seen_triangles_off,"
         "seen_triangles_on,seen_drawn_off,seen_drawn_on");
   }
@@ -312,85 +318,82 @@ class Study {
     pgl::host::cull_frustum(model_.object_boxes, view_, in_view_);
   }
 
-  /// The three frames before the one at t; last_ becomes what the last of them kept, where occluders did not stay: in
-  /// the first all objects are candidates, in the others what the one before kept.
+  /// The three frames before the one at t, by the same choice: kept_ becomes what the last of them showed, all objects
+  /// before the first of them.
   void see_last_frames(Place place, double t, Way way) {
-    if (way.choice == Choice::last_all) way.occluders = 2000;
-    last_ = model_.compactness_order;
+    if (way.choice == Choice::last_all) way = {Choice::temporal, 4000, 1, 0.0f};
+    std::ranges::fill(kept_, std::uint8_t{1});
     for (int frame = 3; frame > 0; --frame) {
       look(place, t - frame / path_frames);
-      way.choice = Choice::last;
       Sums unused;
       occlude(way, 1, unused);
-      test({}, pgl::depth_map_of(view_, way.scale));
-      last_.clear();
-      for (const std::uint32_t object : model_.compactness_order)
-        if (kept_[object] != 0) last_.push_back(object);
     }
   }
 
-  /// Chooses occluders, draws their depths and tests all objects in view. The objects chosen stay, as in a frame; all
-  /// of the last frame's, or all in view, do not, or little could be culled.
+  /// Chooses occluders, draws their depths and tests all objects in view, occluders too: a frame of the viewer.
   void occlude(const Way& way, int repetitions, Sums& sums) {
     const DepthMap size = pgl::depth_map_of(view_, way.scale);
     hzm_.resize(pgl::hzm_texels(size));
+    const bool temporal = way.choice == Choice::temporal;
+    if (temporal)
+      pgl::host::keep_flagged(in_view_, kept_, {}, among_);
+    else
+      among_ = in_view_;
+    draw_and_test(way, temporal ? way.occluders / 2 : way.occluders, true, size, repetitions, sums);
+    if (temporal) {
+      std::vector<std::uint32_t> first = std::move(occluders_);
+      pgl::host::keep_flagged(kept_, {}, first, among_);
+      draw_and_test(way, way.occluders - way.occluders / 2, false, size, repetitions, sums);
+      occluders_.insert(occluders_.end(), first.begin(), first.end());
+    }
+    for (const std::uint32_t occluder : occluders_) {
+      if (occluder == pgl::no_object) continue;
+      sums.occluder_triangles += full_triangles(occluder);
+      sums.culled_occluders += kept_[occluder] == 0 ? 1 : 0;
+    }
+  }
+
+  void draw_and_test(const Way& way, std::size_t count, bool fresh, const DepthMap& size, int repetitions, Sums& sums) {
     const std::span<Depth> depth = std::span(hzm_).first(std::size_t{size.width} * size.height);
-    sums.ms[0] += least_ms(repetitions, [&] { choose(way); });
+    sums.ms[0] += least_ms(repetitions, [&] { choose(way, count); });
     sums.ms[1] += least_ms(repetitions, [&] {
-      std::ranges::fill(depth, pgl::far_depth);
+      if (fresh) std::ranges::fill(depth, pgl::far_depth);
       pgl::host::rasterize_depth<Index>(model_.meshes, model_.objects, model_.vertices, model_.triangles, model_.map,
                                         occluders_, view_, size, depth_workspace_, depth);
     });
     sums.ms[2] += least_ms(repetitions, [&] { pgl::host::build_hzm(size, hzm_); });
-    const bool stay = way.choice != Choice::last_all && way.choice != Choice::all;
-    sums.ms[3] += least_ms(repetitions, [&] { test(stay ? occluders_ : std::span<const std::uint32_t>{}, size); });
-    for (const std::uint32_t occluder : occluders_)
-      if (occluder != pgl::no_object) sums.occluder_triangles += full_triangles(occluder);
-    if (!stay) return;
-    const std::vector<std::uint8_t> kept = kept_;
-    test({}, size);
-    for (std::size_t i = 0; i < kept.size(); ++i) sums.more_hidden += kept[i] != kept_[i] ? 1 : 0;
-    kept_ = kept;
+    sums.ms[3] += least_ms(
+        repetitions, [&] { pgl::host::cull_occluded(model_.object_boxes, in_view_, {}, view_, size, hzm_, kept_); });
   }
 
-  void test(std::span<const std::uint32_t> staying, const DepthMap& size) {
-    pgl::host::cull_occluded(model_.object_boxes, in_view_, staying, view_, size, hzm_, kept_);
-  }
-
-  void choose(const Way& way) {
+  /// Writes `count` occluders, or as the way says, of those in among_.
+  void choose(const Way& way, std::size_t count) {
     const std::size_t n = model_.objects.size();
-    std::span<const std::uint32_t> candidates(model_.compactness_order);
+    const std::span<const std::uint32_t> order(model_.compactness_order);
+    occluders_.clear();
     switch (way.choice) {
+      case Choice::selected:
+      case Choice::temporal:
+        occluders_.resize(std::min(count, n));
+        pgl::host::select_occluders(order.first(pgl::host::compact_objects(model_.faces, order, way.threshold)),
+                                    model_.faces, among_, view_, occluder_workspace_, occluders_);
+        break;
       case Choice::last_all:
-        occluders_.clear();
-        for (const std::uint32_t object : last_)
-          if (in_view_[object] != 0) occluders_.push_back(object);
-        return;
+        for (std::uint32_t i = 0; i < n; ++i)
+          if (in_view_[i] != 0 && last_[i] != 0) occluders_.push_back(i);
+        break;
       case Choice::all:
-        occluders_.clear();
         for (std::uint32_t i = 0; i < n; ++i)
           if (in_view_[i] != 0) occluders_.push_back(i);
-        return;
+        break;
       case Choice::most_seen: {
-        occluders_.clear();
         for (std::uint32_t i = 0; i < n; ++i)
           if (picture_.samples[i] != 0) occluders_.push_back(i);
-        const std::size_t k = std::min(way.occluders, occluders_.size());
+        const std::size_t k = std::min(count, occluders_.size());
         std::ranges::partial_sort(occluders_, occluders_.begin() + static_cast<std::ptrdiff_t>(k), {},
                                   [&](std::uint32_t i) { return ~picture_.samples[i]; });
         occluders_.resize(k);
-        return;
-      }
-      case Choice::last:
-        candidates = last_;
-        [[fallthrough]];
-      case Choice::selected: {
-        const auto end = std::ranges::partition_point(
-            candidates, [&](std::uint32_t object) { return model_.faces[object].compactness >= way.threshold; });
-        occluders_.resize(std::min(way.occluders, n));
-        pgl::host::select_occluders({candidates.begin(), end}, model_.faces, in_view_, view_, occluder_workspace_,
-                                    occluders_);
-        return;
+        break;
       }
     }
   }
@@ -472,7 +475,7 @@ class Study {
       std::printf("%zu,%u,%g,", way.occluders, way.scale, static_cast<double>(way.threshold));
     std::printf("%zu,%.0f,%.0f,%.0f,%.0f,%.0f,%.0f,%.0f,%.0f,%.0f,%.0f,%.0f", pgl::host::thread_count(), s.cameras,
                 s.in_view, s.seen, s.hidden, s.no_sample, s.culled, s.culled_hidden, s.culled_no_sample, s.wrong,
-                s.more_hidden, s.occluder_triangles);
+                s.culled_occluders, s.occluder_triangles);
     for (const double ms : s.ms) std::printf(",%.3f", ms);
     std::printf(",%.0f,%.0f,%.0f", s.vertices_in_view, s.vertices_culled, s.budget);
     for (const auto& pair : {s.seen_vertices, s.seen_triangles, s.seen_drawn})
@@ -488,8 +491,7 @@ class Study {
   std::uint64_t triangles_ = 0;
   View view_;
   IdPicture picture_;
-  std::vector<std::uint8_t> in_view_, kept_;
-  std::vector<std::uint32_t> last_;  ///< what the last frame kept, in the order of compactness
+  std::vector<std::uint8_t> in_view_, kept_, last_, among_;
   std::vector<std::uint32_t> occluders_, least_, most_;
   std::array<std::vector<std::uint32_t>, 2> counts_;
   std::vector<float> areas_, depths_;
@@ -501,8 +503,8 @@ class Study {
 
 std::vector<Way> effect_ways() {
   using enum Choice;
-  return {{selected, 20}, {selected, 100}, {selected, 500},  {selected, 2000}, {last, 20}, {last, 100},
-          {last, 500},    {last, 2000},    {most_seen, 500}, {last_all, 0},    {all, 0}};
+  return {{selected, 20},  {selected, 100},  {selected, 500},  {selected, 2000}, {temporal, 100},
+          {temporal, 500}, {temporal, 2000}, {most_seen, 500}, {last_all, 0},    {all, 0}};
 }
 
 std::vector<Way> trade_ways() {
