@@ -149,7 +149,8 @@ def aim_text(by_scene):
     for choice, k, label in LIMITS:
         shares = [found(pick(rows, choice, k)) for rows in by_scene.values()]
         reached.append(f"{label}: {sum(share is not None and share >= AIM for share in shares)}")
-    return [f"Of these {len(by_scene)} scenes and places, at least {AIM} % are found in so many:", "; ".join(reached) + "."]
+    lead = f"Of these {len(by_scene)} scenes and places, at least {AIM} % are found in so many:"
+    return [lead, "; ".join(reached) + "."]
 
 
 def buys_table(by_scene):
