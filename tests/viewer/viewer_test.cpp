@@ -361,7 +361,7 @@ TEST_F(Backends, CullTheSameObjectsFrameAfterFrame) {
   }
   // Odd sizes, and all of a smaller plant.
   for (const std::string size : {"1x1", "7x133", "641x479"}) {
-    expect_same({"--headless", "--size", size, "--objects", "300", "--budget", "all", "--occlusion", "on",
+    expect_same({"--headless", "--size", size, "--objects", "300", "--budget", "all", "--pet", "0", "--occlusion", "on",
                  "--compactness", "0", "--camera", inside_cameras[0]});
   }
 }
