@@ -205,11 +205,21 @@ TEST(RasterizeDepthTwin, SameBytesForTrianglesThatFillThePicture) {
   }
 }
 
-TEST(RasterizeDepthTwin, SameBytesForMoreLargeTrianglesThanTheQueueHolds) {
+TEST(RasterizeDepthTwin, SameBytesForMoreTrianglesThanMayWait) {
   PGL_NEEDS_DEVICE();
-  auto s = large_triangles(40000, 8);
-  s.view = test::depth_camera(80, 60, 0.1f, 50, pgl::DepthRange::zero_to_one, pgl::DepthOrder::conventional);
-  EXPECT_TRUE(agree(s, depth_map_of(s.view)));
+  auto s = large_triangles(4000, 8);
+  s.view = test::depth_camera(300, 200, 0.1f, 50, pgl::DepthRange::zero_to_one, pgl::DepthOrder::conventional);
+  const DepthMap size = depth_map_of(s.view);
+  const std::vector<Depth> empty(std::size_t{size.width} * size.height, far_depth);
+  const auto expected = on_host(s, size, empty);
+  for (const std::uint32_t room : {1u, 2u, 31u, 100u, 1000u, 4000u, 1u << 17})
+    for (const unsigned threads : block_sizes) {
+      OnDevice<std::uint32_t> device(s, 0);
+      device.workspace.room = room;
+      const DeviceArray<Depth> depth(empty);
+      must(device.draw(size, depth.view(), {nullptr, threads}));
+      EXPECT_TRUE(same_bytes(depth.read(), expected)) << "room for " << room << ", blocks of " << threads;
+    }
 }
 
 TEST(RasterizeDepthTwin, DrawsNothingForNothing) {

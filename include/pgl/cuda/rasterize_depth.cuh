@@ -18,26 +18,43 @@
 
 namespace pgl::cuda {
 
-/// Scratch memory of rasterize_depth: 8 bytes per occluder and 2 MB.
+/// Scratch memory of rasterize_depth: 8 bytes per occluder and 152 for each triangle that may wait.
 struct DepthWorkspace {
   Buffer memory;
+  /// Triangles of more than a few texels wait until they can be shared out among all warps. Those that find no room are
+  /// drawn at once: more slowly, to the same bits. At most 2^24 - 1.
+  std::uint32_t room = 1u << 17;
 };
 
 namespace depth_detail {
 
-/// The most threads in a block of draw_depth_kernel, which needs many registers.
-inline constexpr unsigned most_threads = 256;
+/// The most threads in a block of the kernels that need many registers.
+inline constexpr unsigned most_set_up_threads = 256;
+inline constexpr unsigned most_draw_threads = 512;
 
-inline constexpr std::uint32_t most_texels_of_a_lane = 16;   ///< of a box that one lane draws by itself
-inline constexpr std::uint32_t most_texels_of_a_warp = 512;  ///< of a box that a warp draws at once
-inline constexpr unsigned most_queued = 1 << 14;             ///< triangles that wait for draw_large_kernel
-inline constexpr unsigned tile_rows = 16;                    ///< of a tile of draw_large_kernel, 32 columns wide
+inline constexpr std::uint32_t most_texels_of_a_lane = 32;  ///< of a box that one lane draws by itself
+inline constexpr std::uint32_t pieces_along = 16;           ///< of a box, at most, along each side
+inline constexpr std::uint32_t pieces_per_triangle = 8;     ///< that there is room for, on average
+inline constexpr std::uint32_t no_piece = 0xffffffffu;
 
-/// Triangles that are large on the map. More than find room were drawn at once.
-struct LargeTriangles {
+/// Triangles that wait to be drawn, and the pieces of their boxes: number of the triangle, row and column of the piece
+/// in 24, 4 and 4 bits, or no_piece.
+struct Waiting {
   DepthTriangle* triangles;
-  unsigned* pushed;
+  std::uint32_t* pieces;
+  unsigned* counts;  // triangles, pieces: those for which there was no room are counted too
+  unsigned room;     // triangles
+  unsigned piece_room;
 };
+
+/// The side of a piece of a box: at least 32 texels, and so that there are at most pieces_along.
+PGL_HD constexpr std::uint32_t piece_side(std::uint32_t texels) {
+  const std::uint32_t least = (texels - 1) / pieces_along + 1;
+  return (least + 31) / 32 * 32;
+}
+PGL_HD constexpr std::uint32_t piece_count(std::uint32_t texels) {
+  return (texels - 1) / piece_side(texels) + 1;
+}
 
 /// The arrays of the model that are drawn.
 template <class Index>
@@ -49,15 +66,15 @@ struct DepthModel {
   const std::uint32_t* map;
 };
 
-/// Writes where each occluder's groups of up to 32 triangles begin, offsets[occluders] being their number, and empties
-/// the queue. One block.
+/// Writes where each occluder's groups of up to 32 triangles begin, offsets[occluders] being their number. Also,
+/// nothing waits yet. One block.
 template <class = void>
 __global__ void count_groups_kernel(const Mesh* meshes, const Object* objects, const std::uint32_t* map,
                                     const std::uint32_t* occluders, std::uint64_t n, std::uint64_t* offsets,
-                                    unsigned* pushed) {
+                                    unsigned* waiting) {
   __shared__ std::uint64_t sums[32];
   const unsigned lane = threadIdx.x % 32, warp = threadIdx.x / 32, warps = blockDim.x / 32;
-  if (threadIdx.x == 0) *pushed = 0;
+  if (threadIdx.x < 2) waiting[threadIdx.x] = 0;
   std::uint64_t before = 0;
   for (std::uint64_t first = 0; first < n; first += blockDim.x) {
     const std::uint64_t i = first + threadIdx.x;
@@ -84,14 +101,86 @@ __global__ void count_groups_kernel(const Mesh* meshes, const Object* objects, c
   if (threadIdx.x == 0) offsets[n] = before;
 }
 
-/// Draws the columns first, first + step, ... and likewise rows of a triangle's box.
-__device__ inline void draw_texels(const DepthTriangle& t, std::uint32_t first_column, std::uint32_t column_step,
-                                   std::uint32_t first_row, std::uint32_t row_step, std::uint32_t width, Depth* depth) {
-  for (std::uint32_t j = first_row; j < t.rows; j += row_step) {
-    Depth* const row = depth + (std::uint64_t{t.y0} + j) * width + t.x0;
-    for (std::uint32_t i = first_column; i < t.columns; i += column_step)
-      if (covers(t, i, j)) atomicMin(row + i, depth_at(t, i, j));
+/// Draws the texels [x0, x1) x [y0, y1) of a triangle's box, of which this thread takes those from (x, y) on that are a
+/// multiple of the steps away. Values just outside the box, which are not used, do not overflow either.
+__device__ inline void draw_texels(const DepthTriangle& t, std::uint32_t x, std::uint32_t x_step, std::uint32_t x1,
+                                   std::uint32_t y, std::uint32_t y_step, std::uint32_t y1, std::uint32_t width,
+                                   Depth* depth) {
+  std::int64_t row[4], right[4], up[4];  // the edges and the depth
+#pragma unroll
+  for (int k = 0; k < 4; ++k) {
+    const std::int64_t* plane = k < 3 ? t.edge[k] : t.depth;
+    row[k] = plane[0] + plane[1] * static_cast<std::int64_t>(x) + plane[2] * static_cast<std::int64_t>(y);
+    right[k] = plane[1] * static_cast<std::int64_t>(x_step);
+    up[k] = plane[2] * static_cast<std::int64_t>(y_step);
   }
+  Depth* texels = depth + (std::uint64_t{t.y0} + y) * width + t.x0;
+  for (; y < y1; y += y_step, texels += std::uint64_t{y_step} * width) {
+    std::int64_t edge0 = row[0], edge1 = row[1], edge2 = row[2], value = row[3];
+    for (std::uint32_t i = x; i < x1; i += x_step) {
+      if ((edge0 | edge1 | edge2) >= 0) atomicMin(texels + i, depth_of(t, value));
+      edge0 += right[0];
+      edge1 += right[1];
+      edge2 += right[2];
+      value += right[3];
+    }
+#pragma unroll
+    for (int k = 0; k < 4; ++k) row[k] += up[k];
+  }
+}
+
+/// The same by a whole warp: texels side by side as far as the part is wide.
+__device__ inline void draw_by_warp(const DepthTriangle& t, std::uint32_t x0, std::uint32_t x1, std::uint32_t y0,
+                                    std::uint32_t y1, std::uint32_t width, Depth* depth) {
+  const unsigned lane = detail::lane_index();
+  const unsigned across = x1 - x0 > 16 ? 32 : x1 - x0 > 8 ? 16 : 8;
+  draw_texels(t, x0 + lane % across, across, x1, y0 + lane / across, 32 / across, y1, width, depth);
+}
+
+/// Puts the lanes' triangles with `waits` into the queue, with all their pieces; a whole warp together. Returns whether
+/// this lane's found no room.
+__device__ inline bool push(const DepthTriangle& t, bool waits, const Waiting& waiting) {
+  const unsigned lane = detail::lane_index();
+  const unsigned all = __ballot_sync(detail::whole_warp, waits);
+  if (all == 0) return false;
+  // Looked at first, so that a full queue is not counted on for ever.
+  unsigned is_full = 0;
+  if (lane == 0) {
+    const volatile unsigned* counts = waiting.counts;
+    is_full = counts[0] >= waiting.room || counts[1] >= waiting.piece_room ? 1u : 0u;
+  }
+  if (__shfl_sync(detail::whole_warp, is_full, 0) != 0) return waits;
+
+  const std::uint32_t across = waits ? piece_count(t.columns) : 1;
+  const std::uint32_t pieces = waits ? across * piece_count(t.rows) : 0;
+  std::uint32_t up_to = pieces;
+  for (unsigned step = 1; step < 32; step *= 2) {
+    const std::uint32_t other = __shfl_up_sync(detail::whole_warp, up_to, step);
+    if (lane >= step) up_to += other;
+  }
+  unsigned first_triangle = 0, first_piece = 0;
+  if (lane == 31) {
+    first_triangle = atomicAdd(waiting.counts, static_cast<unsigned>(__popc(all)));
+    first_piece = atomicAdd(waiting.counts + 1, up_to);
+  }
+  const unsigned number =
+      __shfl_sync(detail::whole_warp, first_triangle, 31) + static_cast<unsigned>(__popc(all & ((1u << lane) - 1)));
+  const unsigned begin = __shfl_sync(detail::whole_warp, first_piece, 31) + up_to - pieces, end = begin + pieces;
+  const bool fits = waits && number < waiting.room && end <= waiting.piece_room;
+  if (fits) waiting.triangles[number] = t;
+  constexpr std::uint32_t few = 4;
+  if (pieces <= few || !fits)
+    for (unsigned p = begin; p < end && p < waiting.piece_room; ++p)
+      waiting.pieces[p] = fits ? number << 8 | (p - begin) / across << 4 | (p - begin) % across : no_piece;
+  for (unsigned left = __ballot_sync(detail::whole_warp, fits && pieces > few); left != 0; left &= left - 1) {
+    const int source = __ffs(static_cast<int>(left)) - 1;
+    const unsigned of = __shfl_sync(detail::whole_warp, number, source);
+    const unsigned from = __shfl_sync(detail::whole_warp, begin, source);
+    const unsigned size = __shfl_sync(detail::whole_warp, pieces, source);
+    const unsigned row = __shfl_sync(detail::whole_warp, across, source);
+    for (unsigned p = lane; p < size; p += 32) waiting.pieces[from + p] = of << 8 | p / row << 4 | p % row;
+  }
+  return waits && !fits;
 }
 
 /// Number `part` of the up to two triangles that remain of a triangle that is cut; no columns if there is none. By
@@ -113,13 +202,13 @@ __device__ __noinline__ DepthTriangle cut_part(const DepthView& view, const Dept
 }
 
 /// A warp takes 32 triangles of an occluder at a time, a lane each. What is small on the map the lanes draw by
-/// themselves, then the whole warp draws the rest one by one, or leaves it in the queue.
+/// themselves, the rest has to wait.
 template <class Index>
-__global__ void __launch_bounds__(most_threads, 2)
-    draw_depth_kernel(const __grid_constant__ DepthModel<Index> model, const std::uint32_t* occluders, std::uint64_t n,
-                      const std::uint64_t* offsets, const __grid_constant__ DepthView view, LargeTriangles large,
-                      Depth* depth) {
-  __shared__ DepthTriangle shared[most_threads / 32];
+__global__ void __launch_bounds__(most_set_up_threads, 2)
+    set_up_kernel(const __grid_constant__ DepthModel<Index> model, const std::uint32_t* occluders, std::uint64_t n,
+                  const std::uint64_t* offsets, const __grid_constant__ DepthView view,
+                  const __grid_constant__ Waiting waiting, Depth* depth) {
+  __shared__ DepthTriangle shared[most_set_up_threads / 32];
   DepthTriangle& of_warp = shared[threadIdx.x / 32];
   const unsigned lane = detail::lane_index();
   const std::uint64_t groups = offsets[n];
@@ -154,24 +243,14 @@ __global__ void __launch_bounds__(most_threads, 2)
       }
 
       const std::uint64_t texels = t.columns == 0 ? 0 : std::uint64_t{t.columns} * t.rows;
-      bool is_left = texels > most_texels_of_a_lane;
-      if (texels > 0 && !is_left) draw_texels(t, 0, 1, 0, 1, view.width, depth);
-      if (texels > most_texels_of_a_warp) {
-        // Looked at first, so that a full queue is not counted on for ever.
-        const unsigned slot =
-            *static_cast<volatile unsigned*>(large.pushed) < most_queued ? atomicAdd(large.pushed, 1u) : most_queued;
-        if (slot < most_queued) {
-          large.triangles[slot] = t;
-          is_left = false;
-        }
-      }
-      unsigned left = __ballot_sync(detail::whole_warp, is_left);
-      while (left != 0) {
-        const unsigned source = static_cast<unsigned>(__ffs(static_cast<int>(left))) - 1;
-        left &= left - 1;
-        if (lane == source) of_warp = t;
+      const bool is_small = texels <= most_texels_of_a_lane;
+      if (is_small && texels > 0) draw_texels(t, 0, 1, t.columns, 0, 1, t.rows, view.width, depth);
+      __syncwarp();
+      const bool found_no_room = push(t, !is_small, waiting);
+      for (unsigned left = __ballot_sync(detail::whole_warp, found_no_room); left != 0; left &= left - 1) {
+        if (lane == static_cast<unsigned>(__ffs(static_cast<int>(left))) - 1) of_warp = t;
         __syncwarp();
-        draw_texels(of_warp, lane % 8, 8, lane / 8, 4, view.width, depth);
+        draw_by_warp(of_warp, 0, of_warp.columns, 0, of_warp.rows, view.width, depth);
         __syncwarp();
       }
       if (!__any_sync(detail::whole_warp, is_cut)) break;
@@ -179,66 +258,27 @@ __global__ void __launch_bounds__(most_threads, 2)
   }
 }
 
-/// Draws the triangles in the queue: a warp takes a tile of the map at a time and draws in it all that touch it.
+/// Draws the triangles that wait: a warp takes a piece at a time.
 template <class = void>
-__global__ void draw_large_kernel(LargeTriangles large, std::uint32_t width, std::uint32_t height,
-                                  std::uint64_t tiles_across, std::uint64_t tiles, Depth* depth) {
-  const unsigned lane = detail::lane_index();
-  const unsigned pushed = *large.pushed;
-  const unsigned queued = pushed < most_queued ? pushed : most_queued;
-  if (queued == 0) return;
-  const std::uint64_t stride = std::uint64_t{gridDim.x} * (blockDim.x / 32);
-  for (std::uint64_t tile = std::uint64_t{blockIdx.x} * (blockDim.x / 32) + threadIdx.x / 32; tile < tiles;
-       tile += stride) {
-    const std::int64_t left = static_cast<std::int64_t>(tile % tiles_across) * 32;
-    const std::int64_t low = static_cast<std::int64_t>(tile / tiles_across) * tile_rows;
-    Depth nearest[tile_rows];
-    for (unsigned r = 0; r < tile_rows; ++r) nearest[r] = far_depth;
-    bool any = false;
-    for (unsigned first = 0; first < queued; first += 32) {
-      bool touches = false;
-      if (first + lane < queued) {
-        const DepthTriangle& t = large.triangles[first + lane];
-        touches = t.x0 < left + 32 && left < std::int64_t{t.x0} + t.columns && t.y0 < low + tile_rows &&
-                  low < std::int64_t{t.y0} + t.rows;
-      }
-      unsigned touching = __ballot_sync(detail::whole_warp, touches);
-      any = any || touching != 0;
-      for (; touching != 0; touching &= touching - 1) {
-        const DepthTriangle& t = large.triangles[first + static_cast<unsigned>(__ffs(static_cast<int>(touching))) - 1];
-        // At most 31 columns and 15 rows outside its box nothing overflows either.
-        const std::int64_t x = left + lane - t.x0, y = low - t.y0, rows = t.rows;
-        if (x < 0 || x >= t.columns) continue;
-        std::int64_t edge0 = t.edge[0][0] + t.edge[0][1] * x + t.edge[0][2] * y;
-        std::int64_t edge1 = t.edge[1][0] + t.edge[1][1] * x + t.edge[1][2] * y;
-        std::int64_t edge2 = t.edge[2][0] + t.edge[2][1] * x + t.edge[2][2] * y;
-        std::int64_t value = t.depth[0] + t.depth[1] * x + t.depth[2] * y;
-        const std::int64_t up0 = t.edge[0][2], up1 = t.edge[1][2], up2 = t.edge[2][2], up = t.depth[2];
-        const std::int64_t farthest = t.farthest;
-#pragma unroll
-        for (unsigned r = 0; r < tile_rows; ++r) {
-          const std::int64_t j = y + r;
-          if ((edge0 | edge1 | edge2 | j | (rows - 1 - j)) >= 0) {
-            const std::int64_t d = value >> 16;
-            const Depth kept = static_cast<Depth>(d < farthest ? d : farthest);
-            nearest[r] = kept < nearest[r] ? kept : nearest[r];
-          }
-          edge0 += up0;
-          edge1 += up1;
-          edge2 += up2;
-          value += up;
-        }
-      }
-      __syncwarp();
+__global__ void __launch_bounds__(most_draw_threads)
+    draw_waiting_kernel(const __grid_constant__ Waiting waiting, std::uint32_t width, Depth* depth) {
+  const unsigned counted = waiting.counts[1];
+  const unsigned pieces = counted < waiting.piece_room ? counted : waiting.piece_room;
+  const unsigned stride = gridDim.x * (blockDim.x / 32);
+  for (unsigned p = blockIdx.x * (blockDim.x / 32) + threadIdx.x / 32; p < pieces; p += stride) {
+    const std::uint32_t piece = waiting.pieces[p];
+    if (piece == no_piece) continue;
+    const DepthTriangle t = waiting.triangles[piece >> 8];
+    const std::uint32_t wide = piece_side(t.columns), tall = piece_side(t.rows);
+    const std::uint32_t x0 = (piece & 15) * wide, y0 = (piece >> 4 & 15) * tall;
+    const std::uint32_t x1 = x0 + wide < t.columns ? x0 + wide : t.columns;
+    const std::uint32_t y1 = y0 + tall < t.rows ? y0 + tall : t.rows;
+    bool is_outside = false;  // of one edge, all of it
+    for (int k = 0; k < 3; ++k) {
+      const std::int64_t x = t.edge[k][1] < 0 ? x0 : x1 - 1, y = t.edge[k][2] < 0 ? y0 : y1 - 1;
+      is_outside = is_outside || t.edge[k][0] + t.edge[k][1] * x + t.edge[k][2] * y < 0;
     }
-    if (!any || left + lane >= width) continue;
-    Depth* const column = depth + static_cast<std::uint64_t>(low) * width + static_cast<std::uint64_t>(left) + lane;
-#pragma unroll
-    for (unsigned r = 0; r < tile_rows; ++r) {
-      if (nearest[r] == far_depth || low + r >= height) continue;
-      Depth* const texel = column + std::uint64_t{r} * width;
-      if (nearest[r] < *texel) *texel = nearest[r];
-    }
+    if (!is_outside) draw_by_warp(t, x0, x1, y0, y1, width, depth);
   }
 }
 
@@ -251,8 +291,8 @@ __global__ void draw_large_kernel(LargeTriangles large, std::uint32_t width, std
 /// captured with. The occluders may be written on the stream just before, by select_occluders: nothing of them is known
 /// on the host.
 /// Three kernels; nothing is allocated once the workspace has served as many occluders. The second runs on blocks of at
-/// most 256 threads. Enqueued on launch.stream, capturable; the same bits for any launch: a depth is the least of
-/// integers.
+/// most 256 threads, the third of at most 512. Enqueued on launch.stream, capturable; the same bits for any launch: a
+/// depth is the least of integers.
 template <class Index>
 [[nodiscard]] cudaError_t rasterize_depth(std::span<const Mesh> meshes, std::span<const Object> objects,
                                           std::span<const glm::vec3> vertices,
@@ -264,31 +304,33 @@ template <class Index>
   PGL_ASSERT(depth.size() == static_cast<std::size_t>(size.width) * size.height);
   if (occluders.empty()) return cudaSuccess;
   const std::uint64_t n = occluders.size();
-  const auto take = [&](detail::Parts parts, std::uint64_t*& offsets, dd::LargeTriangles& large) {
-    large.pushed = parts.take<unsigned>(1);
-    large.triangles = parts.take<DepthTriangle>(dd::most_queued);
+  dd::Waiting waiting{};
+  waiting.room = std::clamp(workspace.room, 1u, (1u << 24) - 1);
+  waiting.piece_room = dd::pieces_per_triangle * waiting.room;
+  std::uint64_t* offsets = nullptr;
+  const auto take = [&](detail::Parts parts) {
+    waiting.counts = parts.take<unsigned>(2);
+    waiting.triangles = parts.take<DepthTriangle>(waiting.room);
+    waiting.pieces = parts.take<std::uint32_t>(waiting.piece_room);
     offsets = parts.take<std::uint64_t>(n + 1);
     return parts.size();
   };
-  std::uint64_t* offsets = nullptr;
-  dd::LargeTriangles large{};
-  PGL_CUDA_TRY(workspace.memory.reserve(take(detail::Parts(), offsets, large)));
-  take(detail::Parts(workspace.memory.at<void>()), offsets, large);
+  PGL_CUDA_TRY(workspace.memory.reserve(take(detail::Parts())));
+  take(detail::Parts(workspace.memory.at<void>()));
 
   PGL_CUDA_TRY(detail::run(dd::count_groups_kernel<>, 1, 0, launch, meshes.data(), objects.data(), map.data(),
-                           occluders.data(), n, offsets, large.pushed));
-  Launch draw = launch;
-  draw.block_threads = std::min(draw.block_threads, dd::most_threads);
+                           occluders.data(), n, offsets, waiting.counts));
+  Launch set_up = launch;
+  set_up.block_threads = std::min(set_up.block_threads, dd::most_set_up_threads);
   const dd::DepthModel<Index> model{meshes.data(), objects.data(), vertices.data(), triangles.data(), map.data()};
   std::uint64_t blocks = 0;
-  PGL_CUDA_TRY(detail::resident_blocks(dd::draw_depth_kernel<Index>, 0, draw, blocks));
-  PGL_CUDA_TRY(detail::run(dd::draw_depth_kernel<Index>, blocks, 0, draw, model, occluders.data(), n, offsets,
-                           depth_view_of(view, size), large, depth.data()));
-  const std::uint64_t tiles_across = (std::uint64_t{size.width} + 31) / 32;
-  const std::uint64_t tiles = tiles_across * ((size.height - 1) / dd::tile_rows + 1);
-  PGL_CUDA_TRY(detail::tile_blocks(dd::draw_large_kernel<>, tiles, 0, 1, launch, blocks));
-  return detail::run(dd::draw_large_kernel<>, blocks, 0, launch, large, size.width, size.height, tiles_across, tiles,
-                     depth.data());
+  PGL_CUDA_TRY(detail::resident_blocks(dd::set_up_kernel<Index>, 0, set_up, blocks));
+  PGL_CUDA_TRY(detail::run(dd::set_up_kernel<Index>, blocks, 0, set_up, model, occluders.data(), n, offsets,
+                           depth_view_of(view, size), waiting, depth.data()));
+  Launch draw = launch;
+  draw.block_threads = std::min(draw.block_threads, dd::most_draw_threads);
+  PGL_CUDA_TRY(detail::resident_blocks(dd::draw_waiting_kernel<>, 0, draw, blocks));
+  return detail::run(dd::draw_waiting_kernel<>, blocks, 0, draw, waiting, size.width, depth.data());
 }
 
 }  // namespace pgl::cuda
