@@ -2,6 +2,9 @@
 // Axis-aligned boxes: grow, merge, and carry into the world without losing a vertex to rounding.
 #pragma once
 
+#include <cmath>
+#include <cstdint>
+
 #include "pgl/config.hpp"
 #include "pgl/ieee.hpp"
 #include "pgl/types.hpp"
@@ -33,7 +36,7 @@ PGL_HD inline float upper_side(float a, float b) {
 
 /// The absolute value.
 PGL_HD inline double magnitude(double a) {
-  return a < 0.0 ? -a : a;
+  return std::fabs(a);
 }
 
 /// The least double at or above (greatest at or below) a + b: the rounding error of the sum tells which way it went.
@@ -48,8 +51,15 @@ PGL_HD inline double add_below(double a, double b) {
 
 /// The least float at or above (greatest at or below) a.
 PGL_HD inline float float_above(double a) {
+#if defined(__CUDA_ARCH__)
+  return __double2float_ru(a);
+#else
   const float nearest = ieee::to_float(a);
-  return static_cast<double>(nearest) < a ? ieee::next_up(nearest) : nearest;
+  const std::uint32_t bits = ieee::to_bits(nearest);
+  const std::uint32_t up = bits >> 31 ? ~std::uint32_t{0} : 1u;  // a zero that is below a is +0
+  const std::uint32_t is_below = static_cast<double>(nearest) < a;
+  return ieee::from_bits<float>(bits + (up & (0u - is_below)));  // without a branch, which could not be foretold
+#endif
 }
 PGL_HD inline float float_below(double a) {
   return -float_above(-a);

@@ -118,9 +118,20 @@ PGL_HD constexpr bool is_hidden(const ScreenBox& rectangle, Depth nearest, const
   return nearest > farther(farther(low[x0], low[x1]), farther(high[x0], high[x1]));
 }
 
-/// How much farther than the map's depths a box must be to be hidden, 2^-22 of the range from near to far: renderers keep
-/// depths in 24 bits, rounded, and may show a surface that lies nearer behind another one than that.
+/// How much farther than the map's depths a box must be to be hidden, 2^-22 of the range from near to far: renderers
+/// keep depths in 24 bits, rounded, and may show a surface that lies nearer behind another one than that.
 inline constexpr Depth depth_guard = 1u << 10;
+
+namespace detail {
+
+/// The rule below, for a view taken apart.
+PGL_HD inline bool is_hidden(const Box& box, const ViewRows& view, const Hzm& hzm) {
+  Depth nearest = 0;
+  const ScreenBox rectangle = project(box, view, nearest);
+  return nearest > depth_guard && pgl::is_hidden(rectangle, nearest - depth_guard, hzm);
+}
+
+}  // namespace detail
 
 /// Tells whether a box is hidden by what is in the map. True is certain: no sample of the picture shows a point of it.
 ///
@@ -130,9 +141,7 @@ inline constexpr Depth depth_guard = 1u << 10;
 /// dropped is left to it. Preconditions: those of project on the view; hzm.size is depth_map_of the view. Source:
 /// [Peng13] 4.6.
 PGL_HD inline bool is_hidden(const Box& box, const View& view, const Hzm& hzm) {
-  Depth nearest = 0;
-  const ScreenBox rectangle = project(box, view, nearest);
-  return nearest > depth_guard && is_hidden(rectangle, nearest - depth_guard, hzm);
+  return detail::is_hidden(box, detail::rows_of(view), hzm);
 }
 
 }  // namespace pgl

@@ -232,7 +232,7 @@ RC_GTEST_PROP(CullOccludedProps, nearestDepthIsTightToAStepAndTheSumsRounding, (
       const Number w = exact::row_times(view.clip_from_world, 3, p);
       least_w = i == 0 || w < least_w ? w : least_w;
     }
-    const Number w_error = terms(view, 3, box) * Number(0x1p-48);
+    const Number w_error = terms(view, 3, box) * Number(0x1p-47);
     if (least_w - w_error <= Number(view.near_depth)) continue;
     for (int i = 0; i < 8; ++i) {
       const Number d = window_depth(view, exact::point(corner_of(box, i)));

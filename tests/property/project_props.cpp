@@ -100,7 +100,7 @@ RC_GTEST_PROP(ProjectProps, rectangleAndDepthAreTightToAFloatAndTheSumsRounding,
       nearest = i == 0 || w < nearest ? w : nearest;
       farthest = i == 0 || w > farthest ? w : farthest;
     }
-    const Number w_error = terms(view, 3, box) * Number(0x1p-48);
+    const Number w_error = terms(view, 3, box) * Number(0x1p-47);
     if (farthest < -w_error) RC_ASSERT(s.x0 > s.x1);
     if (farthest >= 0 && nearest <= Number(view.near_depth)) RC_ASSERT(is_whole(s, view));
     if (nearest - w_error <= Number(view.near_depth)) continue;

@@ -192,6 +192,27 @@ TEST(ObjectBounds, OfNoObjectsWriteNothing) {
   pgl::host::object_bounds({}, {}, {});
 }
 
+TEST(FloatAbove, IsTheLeastFloatThatIsNotLess) {
+  std::vector<double> numbers{0.0,    1e-50, 0x1p-150, 0x1p-149, 0x1.8p-149, 0x1p-126,
+                              1e-300, 0.1,   1.0,      3.5e38,   1e300,      inf};
+  for (const float f : {least, 1e-39f, 0x1p-126f, 0.1f, 1.0f, 1.5f, 0x1.fffffep0f, 2.0f, 1e30f, largest})
+    for (const double part : {-0.75, -0.5, -0x1p-28, 0.0, 0x1p-28, 0.5, 0.75})
+      numbers.push_back(f + part * (static_cast<double>(f) - static_cast<double>(std::nextafter(f, 0.0f))));
+  for (const double size : numbers)
+    for (const double a : {size, -size}) {
+      const float above = pgl::detail::float_above(a), below = pgl::detail::float_below(a);
+      EXPECT_GE(above, a);
+      EXPECT_LE(below, a);
+      if (above != -inf) {
+        EXPECT_TRUE(std::nextafter(above, -inf) < a) << a;
+      }
+      if (below != inf) {
+        EXPECT_TRUE(std::nextafter(below, inf) > a) << a;
+      }
+    }
+  EXPECT_TRUE(std::isnan(pgl::detail::float_above(std::numeric_limits<double>::quiet_NaN())));
+}
+
 TEST(ObjectBounds, ReachEveryObject) {
   const std::vector<Box> meshes{Box{{0, 0, 0}, {1, 1, 1}}};
   std::vector<pgl::Object> objects(100003);

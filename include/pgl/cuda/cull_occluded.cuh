@@ -17,8 +17,9 @@ namespace pgl::cuda {
 
 namespace detail {
 
-/// The most threads in a block of cull_occluded_kernel, which needs many registers.
-inline constexpr unsigned most_cull_threads = 512;
+/// The most threads in a block of cull_occluded_kernel: it needs many registers, and small blocks share them out better
+/// and keep all processors busy to the end.
+inline constexpr unsigned most_cull_threads = 128;
 /// The boxes that a block takes, for each of its threads.
 inline constexpr unsigned boxes_per_thread = 4;
 
@@ -27,7 +28,8 @@ inline constexpr unsigned boxes_per_thread = 4;
 template <class = void>
 __global__ void __launch_bounds__(most_cull_threads)
     cull_occluded_kernel(const Box* boxes, std::uint64_t n, const std::uint8_t* in_view,
-                         const __grid_constant__ View view, const __grid_constant__ Hzm map, std::uint8_t* visible) {
+                         const __grid_constant__ pgl::detail::ViewRows view, const __grid_constant__ Hzm map,
+                         std::uint8_t* visible) {
   extern __shared__ std::uint16_t listed[];
   __shared__ unsigned count;
   if (threadIdx.x == 0) count = 0;
@@ -51,7 +53,7 @@ __global__ void __launch_bounds__(most_cull_threads)
   __syncthreads();
   for (unsigned j = threadIdx.x; j < count; j += blockDim.x) {
     const std::uint64_t i = first + listed[j];
-    visible[i] = static_cast<std::uint8_t>(!is_hidden(boxes[i], view, map));
+    visible[i] = static_cast<std::uint8_t>(!pgl::detail::is_hidden(boxes[i], view, map));
   }
 }
 
@@ -73,7 +75,7 @@ __global__ void __launch_bounds__(1024) show_occluders_kernel(const std::uint32_
 ///
 /// All views are of device memory; `visible` may be the same array as in_view. The view and the map's size are read
 /// before this returns: a captured graph keeps those that it was captured with.
-/// O(n), one kernel over the boxes, on blocks of at most 512 threads, and one over the occluders where there are any;
+/// O(n), one kernel over the boxes, on blocks of at most 128 threads, and one over the occluders where there are any;
 /// no scratch. Enqueued on launch.stream, capturable; the same for any launch.
 [[nodiscard]] inline cudaError_t cull_occluded(std::span<const Box> boxes, std::span<const std::uint8_t> in_view,
                                                std::span<const std::uint32_t> occluders, const View& view,
@@ -87,8 +89,8 @@ __global__ void __launch_bounds__(1024) show_occluders_kernel(const std::uint32_
   of_boxes.block_threads = std::min(launch.block_threads, detail::most_cull_threads);
   const unsigned per_block = detail::boxes_per_thread * of_boxes.block_threads;
   PGL_CUDA_TRY(detail::run(detail::cull_occluded_kernel<>, detail::blocks_for(n, per_block),
-                           per_block * sizeof(std::uint16_t), of_boxes, boxes.data(), n, in_view.data(), view,
-                           hzm_of(size, hzm.data()), visible.data()));
+                           per_block * sizeof(std::uint16_t), of_boxes, boxes.data(), n, in_view.data(),
+                           pgl::detail::rows_of(view), hzm_of(size, hzm.data()), visible.data()));
   return detail::run(detail::show_occluders_kernel<>, detail::blocks_for(occluders.size(), launch.block_threads), 0,
                      launch, occluders.data(), occluders.size(), n, visible.data());
 }

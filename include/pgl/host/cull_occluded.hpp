@@ -29,9 +29,10 @@ inline void cull_occluded(std::span<const Box> boxes, std::span<const std::uint8
   PGL_ASSERT(in_view.size() == boxes.size() && visible.size() == boxes.size());
   PGL_ASSERT(size == depth_map_of(view, size.scale, size.coverage));
   PGL_ASSERT(hzm.size() == hzm_texels(size));
+  const pgl::detail::ViewRows rows = pgl::detail::rows_of(view);
   const Hzm map = hzm_of(size, hzm.data());
   parallel_for(boxes.size(), 1024, [&](std::size_t i) {
-    visible[i] = static_cast<std::uint8_t>(in_view[i] != 0 && !is_hidden(boxes[i], view, map));
+    visible[i] = static_cast<std::uint8_t>(in_view[i] != 0 && !pgl::detail::is_hidden(boxes[i], rows, map));
   });
   for (const std::uint32_t occluder : occluders) {
     if (occluder == no_object) continue;

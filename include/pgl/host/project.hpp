@@ -25,9 +25,10 @@ inline void project(std::span<const Box> boxes, std::span<const std::uint8_t> in
   PGL_ASSERT(in_view.empty() || in_view.size() == boxes.size());
   PGL_ASSERT(areas.size() == boxes.size() && depths.size() == boxes.size());
   PGL_ASSERT(rectangles.empty() || rectangles.size() == boxes.size());
+  const pgl::detail::ViewRows rows = pgl::detail::rows_of(view);
   parallel_for(boxes.size(), 1024, [&](std::size_t i) {
     const bool skip = !in_view.empty() && in_view[i] == 0;
-    const ScreenBox rectangle = pgl::project(skip ? Box{} : boxes[i], view);
+    const ScreenBox rectangle = pgl::detail::project(skip ? Box{} : boxes[i], rows);
     areas[i] = projected_area(rectangle);
     depths[i] = rectangle.depth;
     if (!rectangles.empty()) rectangles[i] = rectangle;
