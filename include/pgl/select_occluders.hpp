@@ -69,13 +69,14 @@ PGL_HD constexpr std::uint32_t compactness_key(float compactness) {
   return compactness != compactness ? 0u : ieee::order_key(ieee::add(compactness, 0.0f));
 }
 
-/// Where a view is seen from: the point (x, y, z) / w, or, with w = 0, from far away along (x, y, z).
+/// Where a view is seen from: with w = 1 the point (x, y, z); with w = 0 from far away along (x, y, z).
 struct Eye {
   double x, y, z, w;
 };
 
 /// Returns the eye of a view, once per frame: the point that has no place on the screen, where the rows x, y and w of
-/// clip_from_world all vanish. An orthographic view has w = 0. All zero where the rows are no view at all.
+/// clip_from_world all vanish. An orthographic view has w = 0 and a direction whose largest component is in [1, 2). All
+/// zero where the rows are no view at all.
 PGL_HD inline Eye eye_of(const View& view) {
   const auto entry = [&view](int row, int column) { return static_cast<double>(view.clip_from_world[column][row]); };
   // The minors of the three rows: delete one column.
@@ -84,34 +85,42 @@ PGL_HD inline Eye eye_of(const View& view) {
         r{entry(3, a), entry(3, b), entry(3, c)};
     return dot_product(p, cross_product(q, r));
   };
-  return {minor(1, 2, 3), -minor(0, 2, 3), minor(0, 1, 3), -minor(0, 1, 2)};
+  const double x = minor(1, 2, 3), y = -minor(0, 2, 3), z = minor(0, 1, 3), w = -minor(0, 1, 2);
+  if (w != 0.0) return {ieee::div(x, w), ieee::div(y, w), ieee::div(z, w), 1.0};
+  const double largest = ieee::max(ieee::max(detail::magnitude(x), detail::magnitude(y)), detail::magnitude(z));
+  if (!(largest > 0.0)) return {0.0, 0.0, 0.0, 0.0};
+  const double scale = ieee::from_bits<double>(ieee::to_bits(largest) & 0x7ff0000000000000u);  // a power of two
+  return {ieee::div(x, scale), ieee::div(y, scale), ieee::div(z, scale), 0.0};
 }
 
 /// Weighs an object as an occluder: its compactness times about the solid angle, over 2 pi, of its largest face.
 ///
 /// With t from the box's centre to the eye, A the area of the face and a its unit normal,
 /// weight = compactness * A |a . t| / (|t| (|t|^2 + A)): our reading of [Peng13] Eq 4.2, made finite for an eye inside
-/// the box. It is 0 where t = 0. For an orthographic view t is the direction to the eye, and
-/// weight = sqrt(compactness * A |a . t| / |t|): what the face covers, to scale.
+/// the box. It is 0 where |t| < 2^-250, as at t = 0, or |t| > 2^250, where float has no smaller number for it. For an
+/// orthographic view t is the direction to the eye, and weight = sqrt(compactness * A |a . t| / |t|): what the face
+/// covers, to scale.
 /// At least 0, and finite, for a face with finite numbers; NaN, which is never selected, for others.
 /// Source: [Peng13] Eq 4.2.
 PGL_HD inline float occluder_weight(const OccluderFace& face, const Eye& eye) {
+  if (!(detail::is_finite_point(face.normal) && detail::is_finite_point(face.centre) &&
+        ieee::is_finite(face.compactness)))
+    return ieee::quiet_nan<float>;
   const Vector<double> n(face.normal);
   const Vector<double> c(face.centre);
   const bool far = eye.w == 0.0;
   Vector<double> t{eye.x, eye.y, eye.z};
   if (!far)
-    for (int i = 0; i < 3; ++i) t[i] = ieee::sub(ieee::div(t[i], eye.w), c[i]);
+    for (int i = 0; i < 3; ++i) t[i] = ieee::sub(t[i], c[i]);
   const double area = dot_product(n, n), square = dot_product(t, t);
-  if (!(detail::is_finite_point(face.normal) && detail::is_finite_point(face.centre) &&
-        ieee::is_finite(face.compactness)))
-    return ieee::quiet_nan<float>;
-  if (!(square > 0.0) || !ieee::is_finite(square)) return 0.0f;
-  // |n| |n . t| = A |a . t|
-  const double facing = ieee::mul(detail::magnitude(dot_product(n, t)), ieee::sqrt(ieee::div(area, square)));
-  const double weight =
-      far ? ieee::sqrt(ieee::mul(static_cast<double>(face.compactness), facing))
-          : ieee::mul(static_cast<double>(face.compactness), ieee::div(facing, ieee::add(square, area)));
+  if (!(square >= 0x1p-500 && square <= 0x1p500)) return 0.0f;
+  // |n| |n . t| = A |a . t|, here times compactness and |t|. Nothing below leaves double's range: a normal and a
+  // compactness that are not 0 have at least 2^-149, so that the divisor is at least 2^-798 where the area is not 0.
+  const double facing =
+      ieee::mul(ieee::mul(static_cast<double>(face.compactness), detail::magnitude(dot_product(n, t))),
+                ieee::sqrt(ieee::mul(area, square)));
+  double weight = ieee::div(facing, far ? square : ieee::mul(square, ieee::add(square, area)));
+  if (far) weight = ieee::sqrt(weight);
   return weight > 0.0 ? ieee::min(ieee::to_float(weight), FLT_MAX) : 0.0f;
 }
 

@@ -37,17 +37,37 @@ RC_GTEST_PROP(EyeProps, isWhereTheRowsXYAndWVanishUpToRounding, ()) {
       for (int column = 0; column < 4; ++column) sum += Number(v.clip_from_world[column][row]) * exact_eye[column];
       RC_ASSERT(sum == 0);
     }
-    const double got[4] = {eye.x, eye.y, eye.z, eye.w};
+    // How far the determinants come out wrong at most: 2^-50 of the sizes of their six products.
+    Number error[4];
     for (int i = 0; i < 4; ++i) {
-      // The sizes of the six products of the determinant.
-      Number terms = 0;
       for (int a = 0; a < 4; ++a)
         for (int b = 0; b < 4; ++b)
           for (int c = 0; c < 4; ++c)
             if (a != b && b != c && a != c && a != i && b != i && c != i)
-              terms += abs(Number(v.clip_from_world[a][0]) * Number(v.clip_from_world[b][1]) *
-                           Number(v.clip_from_world[c][3]));
-      RC_ASSERT(abs(Number(got[i]) - exact_eye[i]) <= terms * Number(0x1p-50));
+              error[i] += abs(Number(v.clip_from_world[a][0]) * Number(v.clip_from_world[b][1]) *
+                              Number(v.clip_from_world[c][3]));
+      error[i] *= Number(0x1p-50);
+    }
+    const double got[3] = {eye.x, eye.y, eye.z};
+    RC_ASSERT(eye.w == 0.0 || eye.w == 1.0);
+    if (eye.w == 1.0) {
+      // got (W + e_w) = (X + e_x) (1 + d) with |d| <= 2^-53, where X and W are exact: got W - X is
+      // e_x + d (X + e_x) - got e_w, and |X| <= 2^50 error.
+      for (int i = 0; i < 3; ++i)
+        RC_ASSERT(abs(Number(got[i]) * exact_eye[3] - exact_eye[i]) <=
+                  error[i] * Number(1.25) + abs(Number(got[i])) * error[3]);
+    } else {
+      // got s = X + e_x with one s > 0, a power of two.
+      RC_ASSERT(abs(exact_eye[3]) <= error[3]);
+      const double largest = std::max({std::abs(got[0]), std::abs(got[1]), std::abs(got[2])});
+      RC_ASSERT(largest == 0.0 || (largest >= 1.0 && largest < 2.0));
+      for (int i = 0; i < 3; ++i) {
+        if (largest == 0.0) RC_ASSERT(abs(exact_eye[i]) <= error[i]);
+        for (int j = 0; j < 3; ++j)
+          RC_ASSERT(abs(Number(got[i]) * exact_eye[j] - Number(got[j]) * exact_eye[i]) <=
+                    abs(Number(got[i])) * error[j] + abs(Number(got[j])) * error[i]);
+        if (abs(exact_eye[i]) > error[i]) RC_ASSERT(Number(got[i]) * exact_eye[i] > 0);
+      }
     }
   }
 }
@@ -56,10 +76,8 @@ RC_GTEST_PROP(EyeProps, isWhereTheRowsXYAndWVanishUpToRounding, ()) {
 long double weight_of(const OccluderFace& face, const pgl::Eye& eye) {
   long double t[3], square = 0, area = 0, along = 0;
   for (int i = 0; i < 3; ++i) {
-    const double e = i == 0 ? eye.x : i == 1 ? eye.y : eye.z;
-    t[i] = eye.w == 0 ? static_cast<long double>(e)
-                      : static_cast<long double>(e) / static_cast<long double>(eye.w) -
-                            static_cast<long double>(face.centre[i]);
+    t[i] = static_cast<long double>(i == 0 ? eye.x : i == 1 ? eye.y : eye.z);
+    if (eye.w != 0) t[i] -= static_cast<long double>(face.centre[i]);
     square += t[i] * t[i];
     area += static_cast<long double>(face.normal[i]) * static_cast<long double>(face.normal[i]);
   }
@@ -84,9 +102,8 @@ RC_GTEST_PROP(OccluderWeightProps, isTheFormula, ()) {
     const OccluderFace face = any_face(k);
     const glm::vec3 at = numbers::point(k);
     const bool far = numbers::whole(0, 3) == 0;
-    const double w = far ? 0.0 : std::ldexp(1.0, numbers::whole(-20, 20));
-    const pgl::Eye eye{static_cast<double>(at.x) * (far ? 1.0 : w), static_cast<double>(at.y) * (far ? 1.0 : w),
-                       static_cast<double>(at.z) * (far ? 1.0 : w), w};
+    const pgl::Eye eye{static_cast<double>(at.x), static_cast<double>(at.y), static_cast<double>(at.z),
+                       far ? 0.0 : 1.0};
     const float weight = pgl::occluder_weight(face, eye);
     const long double expected = weight_of(face, eye);
     RC_ASSERT(weight >= 0.0f && std::isfinite(weight));

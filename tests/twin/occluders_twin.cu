@@ -250,7 +250,8 @@ TEST(SelectOccludersTwin, SameBytesAtEverySizeFromNoneToMoreThanAll) {
 
 TEST(SelectOccludersTwin, SameBytesForAMillionCandidates) {
   PGL_NEEDS_DEVICE();
-  for (const std::size_t wanted : {std::size_t{20}, std::size_t{5000}, std::size_t{400000}, std::size_t{1000001}}) {
+  for (const std::size_t wanted :
+       {std::size_t{20}, std::size_t{256}, std::size_t{5000}, std::size_t{400000}, std::size_t{1000001}}) {
     const Scene scene = large_scene(1000001, 4, wanted);
     EXPECT_TRUE(choices_agree(scene));
   }
@@ -262,7 +263,7 @@ TEST(SelectOccludersTwin, SameBytesWhereAllWeighTheSame) {
     Scene scene = large_scene(n, 5, 0);
     for (const bool weightless : {false, true}) {
       for (OccluderFace& face : scene.faces) face = {{0, 0, 0}, glm::vec3(weightless ? 0.0f : 1.0f), 1};
-      for (const std::size_t wanted : {std::size_t{1}, std::size_t{20}, n / 3, n}) {
+      for (const std::size_t wanted : {std::size_t{1}, std::size_t{20}, std::size_t{200}, n / 3, n}) {
         scene.wanted = wanted;
         EXPECT_TRUE(choices_agree(scene));
       }
@@ -270,12 +271,80 @@ TEST(SelectOccludersTwin, SameBytesWhereAllWeighTheSame) {
   }
 }
 
+TEST(SelectOccludersTwin, SameBytesWhereAsManyWeighTheSameAsABlockListsOrSomeMore) {
+  PGL_NEEDS_DEVICE();
+  const std::size_t spare = pgl::cuda::detail::few_spare;
+  std::mt19937 random(8);
+  for (const std::size_t n : {std::size_t{900}, std::size_t{20001}})  // in the part of one block, and of several
+    for (const std::size_t wanted : {std::size_t{1}, std::size_t{20}, std::size_t{256}})
+      for (const std::size_t heavy : {wanted - 1, wanted, wanted + 1, wanted + spare - 1, wanted + spare,
+                                      wanted + spare + 1, 2 * (wanted + spare)}) {
+        Scene scene = large_scene(n, 9, wanted);
+        scene.in_view.clear();
+        for (OccluderFace& face : scene.faces) face = {{0, 0, 0}, glm::vec3(0.01f), 1};
+        for (std::size_t i = 0; i < heavy; ++i) {
+          const std::size_t other = i + random() % (n - i);
+          std::swap(scene.candidates[i], scene.candidates[other]);
+          scene.faces[scene.candidates[i]].normal = glm::vec3(1);
+        }
+        if (random() % 2 == 0)  // else they come first
+          std::shuffle(scene.candidates.begin(), scene.candidates.end(), random);
+        EXPECT_TRUE(choices_agree(scene)) << heavy << " heavy ones";
+      }
+}
+
+TEST(SelectOccludersTwin, SameBytesWhereTheWeightsDifferInTheirLastBitsOnly) {
+  PGL_NEEDS_DEVICE();
+  for (const std::size_t n : {std::size_t{1500}, std::size_t{100003}})
+    for (const std::size_t wanted : {std::size_t{1}, std::size_t{20}, std::size_t{256}, std::size_t{257}}) {
+      Scene scene = large_scene(n, 10, wanted);
+      for (std::size_t i = 0; i < n; ++i)
+        scene.faces[i] = {{0, 0, 0}, glm::vec3(1), std::ldexp(static_cast<float>((1 << 23) + i * 7919 % 64), -23)};
+      EXPECT_TRUE(choices_agree(scene));
+    }
+}
+
+TEST(SelectOccludersTwin, SameBytesOnEitherSideOfFewAndMany) {
+  PGL_NEEDS_DEVICE();
+  const std::size_t few = pgl::cuda::detail::most_few;
+  for (const std::size_t n : {std::size_t{10}, few - 1, few, few + 1, std::size_t{9000}, std::size_t{300001}})
+    for (const std::size_t wanted : {few - 1, few, few + 1}) EXPECT_TRUE(choices_agree(large_scene(n, 11, wanted)));
+}
+
+TEST(SelectOccludersTwin, NeedsNothingOfWhatTheCallsBeforeLeftInTheMemory) {
+  PGL_NEEDS_DEVICE();
+  const Scene scene = large_scene(40000, 12, 20);
+  Scene many = scene;
+  many.wanted = 5000;
+  const Indices expected = on_host(scene), expected_many = on_host(many);
+  pgl::cuda::OccluderWorkspace workspace;
+  const DeviceArray<std::uint32_t> order(scene.faces.size());
+  for (const int garbage : {0x00, 0xA5, 0xff}) {
+    for (const unsigned threads : block_sizes) {  // more blocks and fewer
+      const OnDevice device(scene), device_many(many);
+      must(device.select(scene.view, workspace, {nullptr, threads}));
+      EXPECT_TRUE(same_bytes(device.chosen.read(), expected));
+      must(cudaMemset(workspace.memory.at<void>(), garbage, workspace.memory.size()));
+      must(device_many.select(many.view, workspace, {nullptr, threads}));
+      EXPECT_TRUE(same_bytes(device_many.chosen.read(), expected_many));
+      must(pgl::cuda::compactness_order(device.faces.input(), workspace, order.view(), {nullptr, threads}));
+      pgl::test::poison(device.chosen);
+      must(device.select(scene.view, workspace, {nullptr, threads}));
+      EXPECT_TRUE(same_bytes(device.chosen.read(), expected));
+    }
+    must(cudaMemset(workspace.memory.at<void>(), garbage, workspace.memory.size()));
+  }
+}
+
 TEST(SelectOccludersTwin, FillsUpWithNoObjectWhereNothingIsInView) {
   PGL_NEEDS_DEVICE();
   Scene scene = large_scene(3000, 6, 1000);
   std::fill(scene.in_view.begin(), scene.in_view.end(), std::uint8_t{0});
-  EXPECT_TRUE(choices_agree(scene));
-  EXPECT_EQ(on_host(scene), Indices(1000, pgl::no_object));
+  for (const std::size_t wanted : {std::size_t{1000}, std::size_t{100}}) {
+    scene.wanted = wanted;
+    EXPECT_TRUE(choices_agree(scene));
+    EXPECT_EQ(on_host(scene), Indices(wanted, pgl::no_object));
+  }
 }
 
 TEST(SelectOccludersTwin, ReplaysAsAGraphOverOtherFacesAndAllocatesNothingOnceWarm) {
@@ -306,6 +375,30 @@ TEST(SelectOccludersTwin, ReplaysAsAGraphOverOtherFacesAndAllocatesNothingOnceWa
     EXPECT_TRUE(same_bytes(order.read(), expected));
   }
   EXPECT_EQ(workspace.memory.at<void>(), memory);
+  graph.replay();  // among calls that do not come from the graph
+  must(device.select(scene.view, workspace, {nullptr, 64}));
+  pgl::test::poison(device.chosen);
+  graph.replay();
+  EXPECT_TRUE(same_bytes(device.chosen.read(), on_host(large_scene(30000, 9, 50))));
+}
+
+TEST(SelectOccludersTwin, ReplaysAsAGraphWithManyOccluders) {
+  PGL_NEEDS_DEVICE();
+  Scene scene = large_scene(30000, 13, 3000);
+  pgl::cuda::OccluderWorkspace workspace;
+  const OnDevice device(scene);
+  const auto enqueue = [&](cudaStream_t stream) { return device.select(scene.view, workspace, stream); };
+  must(enqueue(nullptr));
+  const pgl::test::Captured graph(enqueue);
+  for (const std::uint32_t seed : {13u, 14u}) {
+    const Scene now = large_scene(30000, seed, 3000);
+    pgl::test::assign(device.faces, now.faces);
+    pgl::test::assign(device.candidates, now.candidates);
+    pgl::test::assign(device.in_view, now.in_view);
+    pgl::test::poison(device.chosen);
+    graph.replay();
+    EXPECT_TRUE(same_bytes(device.chosen.read(), on_host(now)));
+  }
 }
 
 }  // namespace

@@ -121,9 +121,10 @@ TEST(OccluderFaceRule, KeepsItsAreaAtTheEndsOfTheFloatRange) {
 TEST(Eye, IsWhereTheCameraIs) {
   for (const glm::vec3 at : {glm::vec3(0), glm::vec3(1, 2, 3), glm::vec3(-500, 20, 1000)}) {
     const pgl::Eye eye = pgl::eye_of(from(at));
-    EXPECT_NEAR(eye.x / eye.w, at.x, 1e-3);
-    EXPECT_NEAR(eye.y / eye.w, at.y, 1e-3);
-    EXPECT_NEAR(eye.z / eye.w, at.z, 1e-3);
+    EXPECT_NEAR(eye.x, at.x, 1e-3);
+    EXPECT_NEAR(eye.y, at.y, 1e-3);
+    EXPECT_NEAR(eye.z, at.z, 1e-3);
+    EXPECT_EQ(eye.w, 1.0);
   }
 }
 
@@ -133,9 +134,33 @@ TEST(Eye, OfAParallelViewIsADirection) {
                       glm::lookAt(glm::vec3(5, 6, 7), glm::vec3(5, 6, 5), glm::vec3(0, 1, 0));
   const pgl::Eye eye = pgl::eye_of(v);
   EXPECT_EQ(eye.w, 0.0);
-  EXPECT_NE(eye.z, 0.0);
+  EXPECT_GE(std::abs(eye.z), 1.0);
+  EXPECT_LT(std::abs(eye.z), 2.0);
   EXPECT_NEAR(eye.x / eye.z, 0, 1e-6);
   EXPECT_NEAR(eye.y / eye.z, 0, 1e-6);
+}
+
+TEST(Eye, OfAParallelViewHasThatLengthAtAnyScale) {
+  for (const float scale : {0x1p-40f, 1.0f, 0x1p40f}) {
+    View v;
+    v.clip_from_world = glm::mat4(0.0f);
+    v.clip_from_world[0].x = 3 * scale;  // x = 3 scale X, y = scale Y, w = 1
+    v.clip_from_world[1].y = scale;
+    v.clip_from_world[2].z = scale;
+    v.clip_from_world[3].w = 1;
+    const pgl::Eye eye = pgl::eye_of(v);
+    EXPECT_EQ(eye.x, 0.0);
+    EXPECT_EQ(eye.y, 0.0);
+    EXPECT_EQ(std::abs(eye.z), 1.5);  // of 3 scale^2
+    EXPECT_EQ(eye.w, 0.0);
+  }
+}
+
+TEST(Eye, IsNowhereWhereThereIsNoView) {
+  View v;
+  v.clip_from_world = glm::mat4(0.0f);
+  const pgl::Eye eye = pgl::eye_of(v);
+  for (const double x : {eye.x, eye.y, eye.z, eye.w}) EXPECT_EQ(x, 0.0);
 }
 
 TEST(OccluderWeight, IsCompactnessTimesAboutTheSolidAngle) {
@@ -160,6 +185,21 @@ TEST(OccluderWeight, IsFiniteWithTheEyeInTheBoxAndAtAnyScale) {
       EXPECT_GE(weight, 0.0f);
       EXPECT_LE(weight, 1.0f);
     }
+}
+
+TEST(OccluderWeight, IsTheFormulaFromDistancesFarBelowFloatToFarBeyond) {
+  // A |a . t| / (|t| (t^2 + A)) with a = t / |t|: A / (t^2 + A).
+  for (const int t : {-250, -200, -100, -20, 0, 20, 60}) {
+    const pgl::Eye eye{0, 0, std::ldexp(1.0, t), 1};
+    EXPECT_EQ(pgl::occluder_weight(facing_z({0, 0, 0}, 1), eye), static_cast<float>(1 / (std::ldexp(1.0, 2 * t) + 1)));
+    EXPECT_EQ(pgl::occluder_weight({{0, 0, 0}, {0, 0, 0x1p-149f}, 1}, eye),
+              static_cast<float>(0x1p-298 / (std::ldexp(1.0, 2 * t) + 0x1p-298)));
+    EXPECT_EQ(pgl::occluder_weight({{0, 0, 0}, {0, 0, 0x1p127f}, 1}, eye),
+              static_cast<float>(0x1p254 / (std::ldexp(1.0, 2 * t) + 0x1p254)));
+  }
+  for (const double t : {0x1p-251, 0x1p-1000, 0x1p-1074, 0x1p250, 0x1p251, 0x1p511, 0x1p1000})
+    for (const float size : {0.0f, 0x1p-149f, 1.0f, 0x1p127f})
+      EXPECT_EQ(pgl::occluder_weight({{0, 0, 0}, {0, 0, size}, 1}, {0, 0, t, 1}), 0.0f) << t << " " << size;
 }
 
 TEST(OccluderWeight, OfAParallelViewGrowsWithTheProjectedAreaAndDoesNotFallWithDistance) {
