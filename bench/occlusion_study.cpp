@@ -362,8 +362,9 @@ class Study {
                                         occluders_, view_, size, depth_workspace_, depth);
     });
     sums.ms[2] += least_ms(repetitions, [&] { pgl::host::build_hzm(size, hzm_); });
-    sums.ms[3] += least_ms(
-        repetitions, [&] { pgl::host::cull_occluded(model_.object_boxes, in_view_, {}, view_, size, hzm_, kept_); });
+    sums.ms[3] += least_ms(repetitions, [&] {
+      pgl::host::cull_occluded(model_.object_boxes, in_view_, {}, view_, size, hzm_, refinement_, kept_);
+    });
   }
 
   /// Writes `count` occluders, or as the way says, of those in among_.

@@ -124,7 +124,7 @@ void boxes(benchmark::State& state) {
   pgl::host::cull_frustum(all, view(), in_view);
   const auto tested = std::count(in_view.begin(), in_view.end(), 1);
   for (auto _ : state) {
-    pgl::host::cull_occluded(all, in_view, {}, view(), map().size, map().texels, visible);
+    pgl::host::cull_occluded(all, in_view, {}, view(), map().size, map().texels, 0, visible);
     benchmark::ClobberMemory();
   }
   state.SetItemsProcessed(state.iterations() * tested);

@@ -65,7 +65,7 @@ int main() {
   pgl::host::rasterize_depth<Index>(meshes, objects, vertices, triangles, map, occluders, view, size, depth_workspace,
                                     std::span(depths).first(std::size_t{size.width} * size.height));
   pgl::host::build_hzm(size, depths);
-  pgl::host::cull_occluded(boxes, in_view, occluders, view, size, depths, visible);
+  pgl::host::cull_occluded(boxes, in_view, occluders, view, size, depths, 0, visible);
 
   const auto count = [](const std::vector<std::uint8_t>& flags) {
     return std::accumulate(flags.begin(), flags.end(), 0);

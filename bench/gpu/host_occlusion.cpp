@@ -113,7 +113,7 @@ void HostOcclusion::build_hzm() {
   host::build_hzm(size, hzm);
 }
 void HostOcclusion::cull_occluded() {
-  host::cull_occluded(model.scene.boxes, in_view, occluders, view, size, hzm, visible);
+  host::cull_occluded(model.scene.boxes, in_view, occluders, view, size, hzm, 0, visible);
 }
 void HostOcclusion::all() {
   cull_frustum();

@@ -88,7 +88,7 @@ struct DeviceOcclusion {
   cudaError_t build_hzm(cudaStream_t stream) const { return cuda::build_hzm(size, hzm.view(), stream); }
   cudaError_t cull_occluded(cudaStream_t stream) const {
     return cuda::cull_occluded(model.scene.boxes.input(), in_view.input(), occluders.input(), view, size, hzm.input(),
-                               visible.view(), stream);
+                               0, visible.view(), stream);
   }
   /// All but the depths.
   cudaError_t decide(cudaStream_t stream) {

@@ -79,6 +79,16 @@ PGL_HD constexpr std::uint32_t covering_level(std::uint32_t first, std::uint32_t
   return (last >> (level - 1)) - (first >> (level - 1)) <= 1 ? level - 1 : level;
 }
 
+/// Tells whether all texels of a level that hold the range are nearer.
+PGL_HD constexpr bool is_all_nearer(const TexelRange& range, std::uint32_t level, Depth nearest, const Hzm& hzm) {
+  const std::size_t width = hzm_side(hzm.size.width, level);
+  const Depth* row = hzm.texels + hzm.offsets[level] + (range.y0 >> level) * width;
+  for (std::uint32_t y = range.y0 >> level; y <= range.y1 >> level; ++y, row += width)
+    for (std::uint32_t x = range.x0 >> level; x <= range.x1 >> level; ++x)
+      if (row[x] >= nearest) return false;
+  return true;
+}
+
 }  // namespace detail
 
 /// Finds the texels of level 0 that a rectangle of the viewport (see ScreenBox) can touch; false if there are none.
@@ -104,9 +114,11 @@ PGL_HD constexpr std::uint32_t covering_level(const TexelRange& range) {
 /// Tells whether everything at least as far as `nearest` in a rectangle of the viewport is hidden: every depth of level
 /// 0 that the rectangle can touch is nearer. True is certain.
 ///
-/// By the farthest of the at most 2 x 2 texels of one level that hold the covered texels. A rectangle that touches no
-/// texel is not hidden.
-PGL_HD constexpr bool is_hidden(const ScreenBox& rectangle, Depth nearest, const Hzm& hzm) {
+/// By the farthest of the at most 2 x 2 texels of one level that hold the covered texels. Where these do not tell and
+/// `refinement` is not 0, by those that hold them so many levels below, at most 2^(refinement + 1) along each side, up
+/// to the first that is not nearer. A rectangle that touches no texel is not hidden.
+PGL_HD constexpr bool is_hidden(const ScreenBox& rectangle, Depth nearest, const Hzm& hzm,
+                                std::uint32_t refinement = 0) {
   TexelRange range;
   if (nearest == 0 || !covered_texels(rectangle, hzm.size, range)) return false;
   const std::uint32_t level = covering_level(range);
@@ -115,7 +127,9 @@ PGL_HD constexpr bool is_hidden(const ScreenBox& rectangle, Depth nearest, const
   const Depth* low = texels + (range.y0 >> level) * width;
   const Depth* high = texels + (range.y1 >> level) * width;
   const std::uint32_t x0 = range.x0 >> level, x1 = range.x1 >> level;
-  return nearest > farther(farther(low[x0], low[x1]), farther(high[x0], high[x1]));
+  if (nearest > farther(farther(low[x0], low[x1]), farther(high[x0], high[x1]))) return true;
+  if (refinement == 0 || level == 0) return false;
+  return detail::is_all_nearer(range, level > refinement ? level - refinement : 0, nearest, hzm);
 }
 
 /// How much farther than the map's depths a box must be to be hidden, 2^-22 of the range from near to far: renderers
@@ -125,10 +139,10 @@ inline constexpr Depth depth_guard = 1u << 10;
 namespace detail {
 
 /// The rule below, for a view taken apart.
-PGL_HD inline bool is_hidden(const Box& box, const ViewRows& view, const Hzm& hzm) {
+PGL_HD inline bool is_hidden(const Box& box, const ViewRows& view, const Hzm& hzm, std::uint32_t refinement) {
   Depth nearest = 0;
   const ScreenBox rectangle = project(box, view, nearest);
-  return nearest > depth_guard && pgl::is_hidden(rectangle, nearest - depth_guard, hzm);
+  return nearest > depth_guard && pgl::is_hidden(rectangle, nearest - depth_guard, hzm, refinement);
 }
 
 }  // namespace detail
@@ -138,10 +152,10 @@ PGL_HD inline bool is_hidden(const Box& box, const ViewRows& view, const Hzm& hz
 /// hzm: the map of the picture's samples as rasterize_depth promises it, none of its depths nearer than the occluders'
 /// surface. Not hidden is a box that comes nearer than near_depth or to the near plane, that is empty, behind the
 /// camera or beside the viewport (see project), or that has a NaN or infinite side; what cull_frustum should have
-/// dropped is left to it. Preconditions: those of project on the view; hzm.size is depth_map_of the view. Source:
-/// [Peng13] 4.6.
-PGL_HD inline bool is_hidden(const Box& box, const View& view, const Hzm& hzm) {
-  return detail::is_hidden(box, detail::rows_of(view), hzm);
+/// dropped is left to it. refinement: see above. Preconditions: those of project on the view; hzm.size is depth_map_of
+/// the view. Source: [Peng13] 4.6.
+PGL_HD inline bool is_hidden(const Box& box, const View& view, const Hzm& hzm, std::uint32_t refinement = 0) {
+  return detail::is_hidden(box, detail::rows_of(view), hzm, refinement);
 }
 
 }  // namespace pgl

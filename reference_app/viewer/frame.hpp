@@ -112,6 +112,7 @@ class Frame final : public AnyFrame {
       : backend_(backend...),
         occlusion_(occlusion.mode != OcclusionMode::off),
         temporal_(occlusion.mode == OcclusionMode::temporal),
+        refinement_(occlusion.refinement),
         meshes_(model.meshes),
         objects_(model.objects),
         vertices_(model.vertices),
@@ -234,7 +235,8 @@ class Frame final : public AnyFrame {
     };
     // An occluder that another hides may go: at every pixel the nearest of all stays, since nothing is before it.
     const auto cull = [&] {
-      backend_.cull_occluded(std::span(boxes_), in_view, std::span<const std::uint32_t>(), view, size, hzm, visible);
+      backend_.cull_occluded(std::span(boxes_), in_view, std::span<const std::uint32_t>(), view, size, hzm, refinement_,
+                             visible);
       ms.occlusion += lap();
     };
 
@@ -248,10 +250,11 @@ class Frame final : public AnyFrame {
     cull();
   }
 
-  /// The objects that may hide others: those at least so compact, the most compact first.
+  /// The objects that may hide others: those at least so compact, in the order in which their faces are read.
   static std::vector<std::uint32_t> candidates(const scene::Model<Index>& model, float compactness) {
     std::vector<std::uint32_t> objects = model.compactness_order;
     objects.resize(host::compact_objects(model.faces, objects, compactness));
+    std::ranges::sort(objects);
     return objects;
   }
 
@@ -264,6 +267,7 @@ class Frame final : public AnyFrame {
   Backend backend_;
   const bool occlusion_;
   const bool temporal_;
+  const std::uint32_t refinement_;
   const Input<Mesh> meshes_;
   const Input<Object> objects_;
   const Input<glm::vec3> vertices_;

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 
 namespace pgl::viewer {
 
@@ -12,8 +13,9 @@ enum class OcclusionMode { off, on, temporal };
 
 struct OcclusionOptions {
   OcclusionMode mode = OcclusionMode::off;
-  std::size_t aos = 500;     ///< occluders of a frame, temporal: each time; fewer where there are fewer candidates
-  float compactness = 0.5f;  ///< a candidate's is at least this, 0..1
+  std::size_t aos = 500;         ///< occluders of a frame, temporal: each time; fewer where there are fewer candidates
+  float compactness = 0.5f;      ///< a candidate's is at least this, 0..1
+  std::uint32_t refinement = 2;  ///< levels that cull_occluded's test may go down
 };
 
 }  // namespace pgl::viewer

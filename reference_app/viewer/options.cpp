@@ -157,6 +157,9 @@ std::optional<Options> parse_options(int argc, const char* const* argv) {
   CLI::Option* compactness = parser.add_number("--compactness", options.occlusion.compactness, 0.0f, 1.0f,
                                                "Only objects at least so compact hide others: 0 any, 1 boxes [0.5]");
 
+  CLI::Option* refine = parser.add_number("--refine", options.occlusion.refinement, 0u, 16u,
+                                          "Levels of finer tests where 2x2 texels do not tell what is hidden [2]");
+
   parser.add("--camera", "ex,ey,ez,tx,ty,tz[,fov]: eye, target, vertical field of view in degrees [whole model]",
              [&](const std::string& text) {
                constexpr double most = 1e30;
@@ -227,7 +230,7 @@ std::optional<Options> parse_options(int argc, const char* const* argv) {
   }
   if (options.checksums && stats->count() == 0) refuse("--checksums", "goes into --stats, and none is asked for");
   if (options.occlusion.mode == OcclusionMode::off) {
-    for (const CLI::Option* option : {aos, compactness}) {
+    for (const CLI::Option* option : {aos, compactness, refine}) {
       if (option->count() > 0) refuse(option->get_name(), "is for --occlusion on or temporal");
     }
   }

@@ -118,6 +118,34 @@ RC_GTEST_PROP(CullOccludedProps, testReadsTheLeastLevelOfTwoByTwoTexels, ()) {
   RC_ASSERT(level < pgl::hzm_levels(test::map_of(range.x1 + 1, range.y1 + 1)));
 }
 
+RC_GTEST_PROP(CullOccludedProps, finerTestsAreExactAtTheirLevel, ()) {
+  int more = 0;
+  for (int repeat = 0; repeat < 20; ++repeat) {
+    const BuiltMap map = random_map();
+    const ScreenBox r = random_rectangle(map.size);
+    pgl::TexelRange range;
+    if (!pgl::covered_texels(r, map.size, range)) continue;
+    const std::uint32_t coarse = pgl::covering_level(range);
+    for (std::uint32_t refinement = 0; refinement <= 17; ++refinement) {
+      const std::uint32_t level = coarse > refinement ? coarse - refinement : 0;
+      Depth farthest = 0;
+      std::uint32_t texels = 0;  // of level 0 that lie below the level's texels which hold the range
+      for (std::uint32_t y = range.y0 >> level << level; y < map.size.height && y >> level <= range.y1 >> level; ++y)
+        for (std::uint32_t x = range.x0 >> level << level; x < map.size.width && x >> level <= range.x1 >> level; ++x) {
+          farthest = std::max(farthest, map.texels[std::size_t{y} * map.size.width + x]);
+          ++texels;
+        }
+      RC_ASSERT(texels > 0);
+      for (const Depth nearest : {farthest, farthest < pgl::far_depth ? farthest + 1 : farthest, Depth{0}}) {
+        const bool answer = pgl::is_hidden(r, nearest, map.hzm(), refinement);
+        RC_ASSERT(answer == (farthest < nearest));
+        if (answer && !pgl::is_hidden(r, nearest, map.hzm())) ++more;
+      }
+    }
+  }
+  RC_CLASSIFY(more > 0, "found more than 2 x 2 texels do");
+}
+
 RC_GTEST_PROP(CullOccludedProps, rectangleIsHiddenIffTheTexelsThatCoverItAreNearer, ()) {
   int hidden = 0, seen = 0;
   for (int repeat = 0; repeat < 20; ++repeat) {
@@ -324,7 +352,7 @@ TEST(CullOccludedProps, DoesNotDependOnTheNumberOfThreads) {
   std::vector<std::uint8_t> in_view(boxes.size()), visible(boxes.size());
   for (std::size_t i = 0; i < boxes.size(); ++i) in_view[i] = i % 5 != 0;
   const std::vector<std::uint32_t> occluders{1, 7, pgl::no_object};
-  pgl::host::cull_occluded(boxes, in_view, occluders, view, map.size, map.texels, visible);
+  pgl::host::cull_occluded(boxes, in_view, occluders, view, map.size, map.texels, 0, visible);
   const auto seen = std::count(visible.begin(), visible.end(), 1);
   EXPECT_GT(seen, 100);
   EXPECT_LT(seen, 20000);
@@ -333,7 +361,7 @@ TEST(CullOccludedProps, DoesNotDependOnTheNumberOfThreads) {
   for (const int n : {1, 2, 5}) {
     omp_set_num_threads(n);
     std::vector<std::uint8_t> again = in_view;
-    pgl::host::cull_occluded(boxes, again, occluders, view, map.size, map.texels, again);
+    pgl::host::cull_occluded(boxes, again, occluders, view, map.size, map.texels, 0, again);
     EXPECT_EQ(again, visible);
   }
   omp_set_num_threads(threads);

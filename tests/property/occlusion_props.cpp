@@ -41,6 +41,7 @@ using test::unit;
 struct Options {
   std::size_t occluders = 0;
   float threshold = 0;
+  std::uint32_t refinement = 0;
 };
 
 struct Frame {
@@ -63,7 +64,8 @@ Frame run(const Scene& s, const DepthMap& size, const Options& options) {
                                             s.view, size, depth_workspace,
                                             std::span(hzm).first(std::size_t{size.width} * size.height));
   pgl::host::build_hzm(size, hzm);
-  pgl::host::cull_occluded(model.boxes, frame.in_view, frame.occluders, s.view, size, hzm, frame.visible);
+  pgl::host::cull_occluded(model.boxes, frame.in_view, frame.occluders, s.view, size, hzm, options.refinement,
+                           frame.visible);
   return frame;
 }
 
@@ -146,7 +148,7 @@ Options any_options(const Scene& s) {
   return {static_cast<std::size_t>(k == 0   ? n + whole(0, 3)
                                    : k == 1 ? whole(0, n)
                                             : whole(0, 6)),
-          whole(0, 3) == 0 ? unit(0, 1) : 0};
+          whole(0, 3) == 0 ? unit(0, 1) : 0, static_cast<std::uint32_t>(whole(0, 3))};
 }
 
 RC_GTEST_PROP(OcclusionProps, noCulledObjectShowsInAScene, ()) {

@@ -119,11 +119,12 @@ struct Scene {
   View view;
   DepthMap size;
   std::vector<Depth> hzm;
+  std::uint32_t refinement = 0;
 };
 
 std::vector<std::uint8_t> host_visible(const Scene& s) {
   std::vector<std::uint8_t> visible(s.boxes.size(), 0xA5);
-  pgl::host::cull_occluded(s.boxes, s.in_view, s.occluders, s.view, s.size, s.hzm, visible);
+  pgl::host::cull_occluded(s.boxes, s.in_view, s.occluders, s.view, s.size, s.hzm, s.refinement, visible);
   return visible;
 }
 
@@ -133,7 +134,7 @@ struct OnDevice {
       : boxes(s.boxes), in_view(s.in_view), visible(s.boxes.size()), occluders(s.occluders), hzm(s.hzm) {}
   cudaError_t cull(const Scene& s, pgl::cuda::Launch launch) const {
     return pgl::cuda::cull_occluded(boxes.input(), in_view.input(), occluders.input(), s.view, s.size, hzm.input(),
-                                    visible.view(), launch);
+                                    s.refinement, visible.view(), launch);
   }
   DeviceArray<Box> boxes;
   DeviceArray<std::uint8_t> in_view, visible;
@@ -157,7 +158,7 @@ AssertionResult scenes_agree(const Scene& s) {
       return AssertionFailure() << "in_view was written: " << same.message();
     // In place.
     must(pgl::cuda::cull_occluded(device.boxes.input(), device.in_view.input(), device.occluders.input(), s.view,
-                                  s.size, device.hzm.input(), device.in_view.view(), {nullptr, threads}));
+                                  s.size, device.hzm.input(), s.refinement, device.in_view.view(), {nullptr, threads}));
     if (const AssertionResult same = same_bytes(device.in_view.read(), expected); !same)
       return AssertionFailure() << s.boxes.size() << " boxes in place, blocks of " << threads << ": " << same.message();
   }
@@ -174,6 +175,7 @@ TEST(CullOccludedTwin, SameBytesForRandomViews) {
     s.view.height = static_cast<float>(whole(1, 200));
     s.view.depth_order = whole(0, 1) ? pgl::DepthOrder::reversed : pgl::DepthOrder::conventional;
     s.size = pgl::depth_map_of(s.view, static_cast<std::uint32_t>(whole(1, 5)));
+    s.refinement = static_cast<std::uint32_t>(whole(0, 3));
     s.hzm = test::texels_of(s.size, static_cast<Depths>(whole(0, 3)), static_cast<std::uint32_t>(whole(0, 1 << 30)));
     pgl::host::build_hzm(s.size, s.hzm);
     s.boxes.resize(static_cast<std::size_t>(whole(0, 100)));
@@ -240,6 +242,13 @@ TEST(CullOccludedTwin, SameBytesForManyBoxes) {
   const auto seen = std::count(visible.begin(), visible.end(), 1);
   EXPECT_GT(in_view - seen, in_view / 20);  // both outcomes are there
   EXPECT_GT(seen, in_view / 20);
+  for (const std::uint32_t refinement : {1u, 2u, 16u}) {
+    Scene finer = s;
+    finer.refinement = refinement;
+    EXPECT_TRUE(scenes_agree(finer));
+    const std::vector<std::uint8_t> still = host_visible(finer);
+    EXPECT_LT(std::count(still.begin(), still.end(), 1), seen);
+  }
   s.occluders.clear();
   std::fill(s.in_view.begin(), s.in_view.end(), std::uint8_t{1});
   EXPECT_TRUE(scenes_agree(s));

@@ -72,7 +72,7 @@ Frame host_frame(const Input& in) {
                                             in.size, depth,
                                             std::span(f.hzm).first(std::size_t{in.size.width} * in.size.height));
   pgl::host::build_hzm(in.size, f.hzm);
-  pgl::host::cull_occluded(in.model.boxes, f.in_view, f.occluders, s.view, in.size, f.hzm, f.visible);
+  pgl::host::cull_occluded(in.model.boxes, f.in_view, f.occluders, s.view, in.size, f.hzm, 1, f.visible);
   return f;
 }
 
@@ -108,7 +108,7 @@ struct OnDevice {
                                                            triangles.input(), map.input(), occluders.input(), view,
                                                            in.size, workspaces.depth, depth, launch));
     PGL_CUDA_TRY(pgl::cuda::build_hzm(in.size, hzm.view(), launch));
-    return pgl::cuda::cull_occluded(boxes.input(), in_view.input(), occluders.input(), view, in.size, hzm.input(),
+    return pgl::cuda::cull_occluded(boxes.input(), in_view.input(), occluders.input(), view, in.size, hzm.input(), 1,
                                     visible.view(), launch);
   }
   Frame read() const { return {in_view.read(), occluders.read(), hzm.read(), visible.read()}; }

@@ -272,7 +272,7 @@ TEST(CullOccluded, DropsWhatIsBehindTheWallAndNothingElse) {
     for (const std::uint32_t scale : {1u, 2u, 3u, 4u}) {
       const DepthMap size = pgl::depth_map_of(view, scale);
       std::vector<std::uint8_t> visible(boxes.size(), 7);
-      pgl::host::cull_occluded(boxes, in_view, {}, view, size, wall(size, 10), visible);
+      pgl::host::cull_occluded(boxes, in_view, {}, view, size, wall(size, 10), 0, visible);
       EXPECT_EQ(visible, expected) << "scale " << scale;
       for (std::size_t i = 0; i < boxes.size(); ++i)
         EXPECT_EQ(visible[i], expected[i]) << "box " << i << ", scale " << scale;
@@ -287,9 +287,9 @@ TEST(CullOccluded, KeepsWhatIsOutOfViewOutAndOccludersIn) {
   std::vector<std::uint8_t> in_view{1, 1, 255, 0, 0};
   const std::vector<std::uint32_t> occluders{pgl::no_object, 2, pgl::no_object};
   std::vector<std::uint8_t> visible(boxes.size(), 7);
-  pgl::host::cull_occluded(boxes, in_view, occluders, view, size, wall(size, 10), visible);
+  pgl::host::cull_occluded(boxes, in_view, occluders, view, size, wall(size, 10), 0, visible);
   EXPECT_EQ(visible, (std::vector<std::uint8_t>{0, 1, 1, 0, 0}));
-  pgl::host::cull_occluded(boxes, in_view, occluders, view, size, wall(size, 10), in_view);  // in place
+  pgl::host::cull_occluded(boxes, in_view, occluders, view, size, wall(size, 10), 0, in_view);  // in place
   EXPECT_EQ(in_view, visible);
 }
 
@@ -303,7 +303,7 @@ TEST(CullOccluded, KeepsWhatADepthBufferMayTakeForNearer) {
         std::tuple{0x1p-21f, 0u, 0}}) {
     const std::vector<Box> boxes{{{-0.5f, -0.5f, z}, {0.5f, 0.5f, 1}}};
     std::vector<std::uint8_t> in_view{1};
-    pgl::host::cull_occluded(boxes, in_view, {}, view, size, std::vector<Depth>{texel}, in_view);
+    pgl::host::cull_occluded(boxes, in_view, {}, view, size, std::vector<Depth>{texel}, 0, in_view);
     EXPECT_EQ(in_view[0], visible) << "at " << z;
   }
 }
@@ -311,14 +311,14 @@ TEST(CullOccluded, KeepsWhatADepthBufferMayTakeForNearer) {
 TEST(CullOccluded, TakesNoBoxes) {
   const View view = camera();
   const DepthMap size = pgl::depth_map_of(view);
-  pgl::host::cull_occluded({}, {}, {}, view, size, wall(size, 10), {});
+  pgl::host::cull_occluded({}, {}, {}, view, size, wall(size, 10), 0, {});
 }
 
 TEST(CullOccludedDeathTest, RefusesAMapOfAnotherView) {
   const View view = camera();
   const DepthMap size = map_of(32, 32);
   const std::vector<Depth> texels(pgl::hzm_texels(size));
-  EXPECT_DEATH(pgl::host::cull_occluded({}, {}, {}, view, size, texels, {}), "");
+  EXPECT_DEATH(pgl::host::cull_occluded({}, {}, {}, view, size, texels, 0, {}), "");
 }
 
 }  // namespace

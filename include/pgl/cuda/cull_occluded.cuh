@@ -29,7 +29,7 @@ template <class = void>
 __global__ void __launch_bounds__(most_cull_threads)
     cull_occluded_kernel(const Box* boxes, std::uint64_t n, const std::uint8_t* in_view,
                          const __grid_constant__ pgl::detail::ViewRows view, const __grid_constant__ Hzm map,
-                         std::uint8_t* visible) {
+                         std::uint32_t refinement, std::uint8_t* visible) {
   extern __shared__ std::uint16_t listed[];
   __shared__ unsigned count;
   if (threadIdx.x == 0) count = 0;
@@ -53,7 +53,7 @@ __global__ void __launch_bounds__(most_cull_threads)
   __syncthreads();
   for (unsigned j = threadIdx.x; j < count; j += blockDim.x) {
     const std::uint64_t i = first + listed[j];
-    visible[i] = static_cast<std::uint8_t>(!pgl::detail::is_hidden(boxes[i], view, map));
+    visible[i] = static_cast<std::uint8_t>(!pgl::detail::is_hidden(boxes[i], view, map, refinement));
   }
 }
 
@@ -80,7 +80,8 @@ __global__ void __launch_bounds__(1024) show_occluders_kernel(const std::uint32_
 [[nodiscard]] inline cudaError_t cull_occluded(std::span<const Box> boxes, std::span<const std::uint8_t> in_view,
                                                std::span<const std::uint32_t> occluders, const View& view,
                                                const DepthMap& size, std::span<const Depth> hzm,
-                                               std::span<std::uint8_t> visible, Launch launch = {}) {
+                                               std::uint32_t refinement, std::span<std::uint8_t> visible,
+                                               Launch launch = {}) {
   PGL_ASSERT(in_view.size() == boxes.size() && visible.size() == boxes.size());
   PGL_ASSERT(size == depth_map_of(view, size.scale, size.coverage));
   PGL_ASSERT(hzm.size() == hzm_texels(size));
@@ -90,7 +91,7 @@ __global__ void __launch_bounds__(1024) show_occluders_kernel(const std::uint32_
   const unsigned per_block = detail::boxes_per_thread * of_boxes.block_threads;
   PGL_CUDA_TRY(detail::run(detail::cull_occluded_kernel<>, detail::blocks_for(n, per_block),
                            per_block * sizeof(std::uint16_t), of_boxes, boxes.data(), n, in_view.data(),
-                           pgl::detail::rows_of(view), hzm_of(size, hzm.data()), visible.data()));
+                           pgl::detail::rows_of(view), hzm_of(size, hzm.data()), refinement, visible.data()));
   return detail::run(detail::show_occluders_kernel<>, detail::blocks_for(occluders.size(), launch.block_threads), 0,
                      launch, occluders.data(), occluders.size(), n, visible.data());
 }
