@@ -230,6 +230,7 @@ struct Way {
   std::size_t occluders = 20;
   std::uint32_t scale = 1;
   float threshold = 0.5f;
+  std::uint32_t refinement = 0;
 };
 
 /// Sums over cameras.
@@ -363,7 +364,7 @@ class Study {
     });
     sums.ms[2] += least_ms(repetitions, [&] { pgl::host::build_hzm(size, hzm_); });
     sums.ms[3] += least_ms(repetitions, [&] {
-      pgl::host::cull_occluded(model_.object_boxes, in_view_, {}, view_, size, hzm_, refinement_, kept_);
+      pgl::host::cull_occluded(model_.object_boxes, in_view_, {}, view_, size, hzm_, way.refinement, kept_);
     });
   }
 
