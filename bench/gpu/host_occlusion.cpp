@@ -112,8 +112,8 @@ void HostOcclusion::rasterize_depth() {
 void HostOcclusion::build_hzm() {
   host::build_hzm(size, hzm);
 }
-void HostOcclusion::cull_occluded() {
-  host::cull_occluded(model.scene.boxes, in_view, occluders, view, size, hzm, 0, visible);
+void HostOcclusion::cull_occluded(std::uint32_t refinement) {
+  host::cull_occluded(model.scene.boxes, in_view, occluders, view, size, hzm, refinement, visible);
 }
 void HostOcclusion::all() {
   cull_frustum();

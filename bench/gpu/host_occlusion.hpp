@@ -54,7 +54,7 @@ struct HostOcclusion {
   void select_occluders_by_index();  ///< writes others: the candidates by index
   void rasterize_depth();            ///< the map is emptied before
   void build_hzm();
-  void cull_occluded();
+  void cull_occluded(std::uint32_t refinement = 0);
   void all();
 
   std::span<Depth> depth() { return std::span(hzm).first(std::size_t{size.width} * size.height); }

@@ -86,9 +86,9 @@ struct DeviceOcclusion {
                                         s.map.input(), occluders.input(), view, size, depth_workspace, depth, stream);
   }
   cudaError_t build_hzm(cudaStream_t stream) const { return cuda::build_hzm(size, hzm.view(), stream); }
-  cudaError_t cull_occluded(cudaStream_t stream) const {
+  cudaError_t cull_occluded(cudaStream_t stream, std::uint32_t refinement = 0) const {
     return cuda::cull_occluded(model.scene.boxes.input(), in_view.input(), occluders.input(), view, size, hzm.input(),
-                               0, visible.view(), stream);
+                               refinement, visible.view(), stream);
   }
   /// All but the depths.
   cudaError_t decide(cudaStream_t stream) {
@@ -234,6 +234,15 @@ void map_rows(Bench& bench, HostOcclusion& host, DeviceOcclusion& device, const 
              .outputs = [&] { return std::vector{expect(device.visible, host.visible)}; },
              .host = [&] { host.cull_occluded(); },
              .note = bytes.note()});
+  constexpr std::uint32_t refinement = 2;
+  host.cull_occluded(refinement);
+  bench.row({.name = "cull_occluded/" + side + "/refined",
+             .bytes = bytes.cull_occluded(),
+             .enqueue = [&](cudaStream_t stream) { return device.cull_occluded(stream, refinement); },
+             .outputs = [&] { return std::vector{expect(device.visible, host.visible)}; },
+             .host = [&] { host.cull_occluded(refinement); },
+             .note = "tests up to two levels finer: " + LeastOcclusionBytes(host).note()});
+  host.cull_occluded();
   bench.row({.name = "occlusion/" + side,
              .bytes = bytes.all(),
              .enqueue = [&](cudaStream_t stream) { return device.all(stream); },
@@ -257,10 +266,10 @@ void occlusion_rows(Bench& bench, const Scene& scene, const DeviceScene& device_
   const std::vector<std::string> once = {"oriented_boxes", "occluder_faces", "compactness_order"};
   const std::vector<std::string> inside = {"rasterize_depth/1024/inside", "rasterize_depth/4096/inside"};
   const std::vector<std::string> small = {"rasterize_depth/1024", "build_hzm/1024", "cull_occluded/1024",
-                                          "occlusion/1024"};
-  const std::vector<std::string> large = {"select_occluders", "select_occluders/by index", "rasterize_depth/4096",
-                                          "build_hzm/4096",   "cull_occluded/4096",        "occlusion/4096",
-                                          whole_row};
+                                          "cull_occluded/1024/refined", "occlusion/1024"};
+  const std::vector<std::string> large = {
+      "select_occluders",   "select_occluders/by index",  "rasterize_depth/4096", "build_hzm/4096",
+      "cull_occluded/4096", "cull_occluded/4096/refined", "occlusion/4096",       whole_row};
   if (!wanted(once) && !wanted(inside) && !wanted(small) && !wanted(large)) return;
   OccluderModel host_model(scene);
   DeviceOccluderModel device_model(bench, device_scene, host_model);
