@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: MIT
 // What occlusion culling finds of what is hidden, on a way around and through a scene, by choice and number of
-// occluders, size of the depth map and threshold of compactness: with the time of each step, and what the released
-// vertices buy. One CSV row each, sums over the cameras; scripts/occlusion.py makes the tables and pictures of them.
+// occluders, size of the depth map, threshold of compactness and refinement of the test: with the time of each step,
+// and what the released vertices buy. One CSV row each, sums over the cameras; scripts/occlusion.py makes the tables
+// and pictures of them.
 #include <algorithm>
 #include <array>
 #include <atomic>
@@ -14,6 +15,7 @@
 #include <exception>
 #include <filesystem>
 #include <limits>
+#include <optional>
 #include <span>
 #include <stdexcept>
 #include <string>
@@ -272,6 +274,7 @@ class Study {
       const double t = (c + 0.5) / cameras;
       look(place, t);
       picture_.draw(model_, in_view_, view_);
+      drawn_.reset();
       for (std::size_t w = 0; w < ways.size(); ++w) {
         if (ways[w].choice == Choice::temporal || ways[w].choice == Choice::last_all) {
           see_last_frames(place, t, ways[w]);
@@ -281,24 +284,25 @@ class Study {
         occlude(ways[w], effect ? 1 : 3, sums[w]);
         count(sums[w]);
         if (effect && ways[w].choice == Choice::selected) share_out(sums[w]);
-        if (effect && ways[w].choice == Choice::all) find_limits(limits);
+        if (effect && ways[w].choice == Choice::all && ways[w].refinement == 0) find_limits(limits);
       }
       std::fprintf(stderr, "%s, %s: %d of %d\n", name_.c_str(), place_name(place), c + 1, cameras);
     }
     for (std::size_t w = 0; w < ways.size(); ++w)
-      print(table, place, choice_names[static_cast<int>(ways[w].choice)], ways[w], sums[w]);
+      print(table, place, choice_names[static_cast<int>(ways[w].choice)], ways[w], std::to_string(ways[w].refinement),
+            sums[w]);
     if (effect) {
-      print(table, place, "every texel", {Choice::all}, limits[0]);
-      print(table, place, "every sample", {Choice::all}, limits[1]);
+      print(table, place, "every texel", {Choice::all}, "", limits[0]);
+      print(table, place, "every sample", {Choice::all}, "", limits[1]);
     }
   }
 
   static void print_header() {
     std::puts(
-        "table,scene,objects,triangles,place,choice,occluders,scale,threshold,threads,cameras,in_view,seen,hidden,"
-        "no_sample,culled,culled_hidden,culled_no_sample,wrong,culled_occluders,occluder_triangles,ms_select,ms_depth,"
-        "ms_hzm,ms_test,vertices_in_view,vertices_culled,budget,seen_vertices_off,seen_vertices_on,seen_triangles_off,"
-        "seen_triangles_on,seen_drawn_off,seen_drawn_on");
+        "table,scene,objects,triangles,place,choice,occluders,scale,threshold,refinement,threads,cameras,in_view,seen,"
+        "hidden,no_sample,culled,culled_hidden,culled_no_sample,wrong,culled_occluders,occluder_triangles,ms_select,"
+        "ms_depth,ms_hzm,ms_test,vertices_in_view,vertices_culled,budget,seen_vertices_off,seen_vertices_on,"
+        "seen_triangles_off,seen_triangles_on,seen_drawn_off,seen_drawn_on");
   }
 
  private:
@@ -322,7 +326,7 @@ class Study {
   /// The three frames before the one at t, by the same choice: kept_ becomes what the last of them showed, all objects
   /// before the first of them.
   void see_last_frames(Place place, double t, Way way) {
-    if (way.choice == Choice::last_all) way = {Choice::temporal, 4000, 1, 0.0f};
+    if (way.choice == Choice::last_all) way = {Choice::temporal, 4000, 1, 0.0f, way.refinement};
     std::ranges::fill(kept_, std::uint8_t{1});
     for (int frame = 3; frame > 0; --frame) {
       look(place, t - frame / path_frames);
@@ -331,21 +335,28 @@ class Study {
     }
   }
 
-  /// Chooses occluders, draws their depths and tests all objects in view, occluders too: a frame of the viewer.
+  /// Chooses occluders, draws their depths and tests all objects in view, occluders too: a frame of the viewer. Ways
+  /// that follow each other and differ in refinement alone share what is drawn and its times.
   void occlude(const Way& way, int repetitions, Sums& sums) {
     const DepthMap size = pgl::depth_map_of(view_, way.scale);
     hzm_.resize(pgl::hzm_texels(size));
-    const bool temporal = way.choice == Choice::temporal;
-    if (temporal)
+    if (way.choice == Choice::temporal) {
+      drawn_.reset();
       pgl::host::keep_flagged(in_view_, kept_, {}, among_);
-    else
-      among_ = in_view_;
-    draw_and_test(way, temporal ? way.occluders / 2 : way.occluders, true, size, repetitions, sums);
-    if (temporal) {
+      draw(way, way.occluders / 2, true, size, repetitions);
+      test(way, size, repetitions, sums);
       std::vector<std::uint32_t> first = std::move(occluders_);
       pgl::host::keep_flagged(kept_, {}, first, among_);
-      draw_and_test(way, way.occluders - way.occluders / 2, false, size, repetitions, sums);
+      draw(way, way.occluders - way.occluders / 2, false, size, repetitions);
+      test(way, size, repetitions, sums);
       occluders_.insert(occluders_.end(), first.begin(), first.end());
+    } else {
+      if (!drawn_ || !draws_alike(*drawn_, way)) {
+        among_ = in_view_;
+        draw(way, way.occluders, true, size, repetitions);
+        drawn_ = way;
+      }
+      test(way, size, repetitions, sums);
     }
     for (const std::uint32_t occluder : occluders_) {
       if (occluder == pgl::no_object) continue;
@@ -354,15 +365,24 @@ class Study {
     }
   }
 
-  void draw_and_test(const Way& way, std::size_t count, bool fresh, const DepthMap& size, int repetitions, Sums& sums) {
+  static bool draws_alike(const Way& a, const Way& b) {
+    return a.choice == b.choice && a.occluders == b.occluders && a.scale == b.scale && a.threshold == b.threshold;
+  }
+
+  void draw(const Way& way, std::size_t count, bool fresh, const DepthMap& size, int repetitions) {
     const std::span<Depth> depth = std::span(hzm_).first(std::size_t{size.width} * size.height);
-    sums.ms[0] += least_ms(repetitions, [&] { choose(way, count); });
-    sums.ms[1] += least_ms(repetitions, [&] {
+    drawn_ms_[0] = least_ms(repetitions, [&] { choose(way, count); });
+    drawn_ms_[1] = least_ms(repetitions, [&] {
       if (fresh) std::ranges::fill(depth, pgl::far_depth);
       pgl::host::rasterize_depth<Index>(model_.meshes, model_.objects, model_.vertices, model_.triangles, model_.map,
                                         occluders_, view_, size, depth_workspace_, depth);
     });
-    sums.ms[2] += least_ms(repetitions, [&] { pgl::host::build_hzm(size, hzm_); });
+    drawn_ms_[2] = least_ms(repetitions, [&] { pgl::host::build_hzm(size, hzm_); });
+  }
+
+  /// Tests against what is drawn; adds the times of both.
+  void test(const Way& way, const DepthMap& size, int repetitions, Sums& sums) {
+    for (std::size_t step = 0; step < drawn_ms_.size(); ++step) sums.ms[step] += drawn_ms_[step];
     sums.ms[3] += least_ms(repetitions, [&] {
       pgl::host::cull_occluded(model_.object_boxes, in_view_, {}, view_, size, hzm_, way.refinement, kept_);
     });
@@ -468,16 +488,17 @@ class Study {
     }
   }
 
-  void print(std::string_view table, Place place, const char* choice, const Way& way, const Sums& s) const {
+  void print(std::string_view table, Place place, const char* choice, const Way& way, const std::string& refinement,
+             const Sums& s) const {
     std::printf("%s,%s,%zu,%llu,%s,%s,", std::string(table).c_str(), name_.c_str(), model_.objects.size(),
                 static_cast<unsigned long long>(triangles_), place_name(place), choice);
     if (way.choice == Choice::all || way.choice == Choice::last_all)
       std::printf(",%u,,", way.scale);
     else
       std::printf("%zu,%u,%g,", way.occluders, way.scale, static_cast<double>(way.threshold));
-    std::printf("%zu,%.0f,%.0f,%.0f,%.0f,%.0f,%.0f,%.0f,%.0f,%.0f,%.0f,%.0f", pgl::host::thread_count(), s.cameras,
-                s.in_view, s.seen, s.hidden, s.no_sample, s.culled, s.culled_hidden, s.culled_no_sample, s.wrong,
-                s.culled_occluders, s.occluder_triangles);
+    std::printf("%s,%zu,%.0f,%.0f,%.0f,%.0f,%.0f,%.0f,%.0f,%.0f,%.0f,%.0f,%.0f", refinement.c_str(),
+                pgl::host::thread_count(), s.cameras, s.in_view, s.seen, s.hidden, s.no_sample, s.culled,
+                s.culled_hidden, s.culled_no_sample, s.wrong, s.culled_occluders, s.occluder_triangles);
     for (const double ms : s.ms) std::printf(",%.3f", ms);
     std::printf(",%.0f,%.0f,%.0f", s.vertices_in_view, s.vertices_culled, s.budget);
     for (const auto& pair : {s.seen_vertices, s.seen_triangles, s.seen_drawn})
@@ -498,6 +519,8 @@ class Study {
   std::array<std::vector<std::uint32_t>, 2> counts_;
   std::vector<float> areas_, depths_;
   std::vector<Depth> hzm_;
+  std::optional<Way> drawn_;          ///< in hzm_, from this camera
+  std::array<double, 3> drawn_ms_{};  ///< choosing, depth, map
   pgl::host::OccluderWorkspace occluder_workspace_;
   pgl::host::DepthWorkspace depth_workspace_;
   pgl::host::BudgetWorkspace budget_workspace_;
@@ -505,15 +528,24 @@ class Study {
 
 std::vector<Way> effect_ways() {
   using enum Choice;
-  return {{selected, 20},  {selected, 100},  {selected, 500},  {selected, 2000}, {temporal, 100},
-          {temporal, 500}, {temporal, 2000}, {most_seen, 500}, {last_all, 0},    {all, 0}};
+  std::vector<Way> ways;
+  for (const std::size_t k : {20, 100, 500, 2000})
+    for (const std::uint32_t refinement : {0u, 2u}) ways.push_back({selected, k, 1, 0.5f, refinement});
+  ways.push_back({selected, 500, 1, 0.5f, 4});
+  for (const std::size_t k : {500, 2000}) ways.push_back({temporal, k, 1, 0.5f, 2});
+  ways.push_back({most_seen, 500, 1, 0.5f, 2});
+  ways.push_back({last_all, 0, 1, 0.5f, 2});
+  for (const std::uint32_t refinement : {0u, 2u}) ways.push_back({all, 0, 1, 0.5f, refinement});
+  return ways;
 }
 
 std::vector<Way> trade_ways() {
   std::vector<Way> ways;
-  for (const std::size_t k : {5, 10, 20, 50, 100, 200, 500, 1000, 2000}) {
-    for (const std::uint32_t scale : {1u, 2u, 4u}) ways.push_back({Choice::selected, k, scale, 0.5f});
-    for (const float threshold : {0.0f, 0.3f, 0.7f, 0.9f}) ways.push_back({Choice::selected, k, 1, threshold});
+  for (const std::size_t k : {5, 10, 20, 50, 100, 200, 500, 1000, 2000})
+    for (const std::uint32_t refinement : {0u, 1u, 2u, 4u}) ways.push_back({Choice::selected, k, 1, 0.5f, refinement});
+  for (const std::size_t k : {20, 100, 500, 2000}) {
+    for (const std::uint32_t scale : {2u, 4u}) ways.push_back({Choice::selected, k, scale, 0.5f, 2});
+    for (const float threshold : {0.0f, 0.3f, 0.7f, 0.9f}) ways.push_back({Choice::selected, k, 1, threshold, 2});
   }
   return ways;
 }
@@ -569,10 +601,11 @@ int main(int argc, char** argv) try {
       scenes.emplace_back(word);
   }
   if (scenes.empty()) {
-    std::fprintf(stderr,
-                 "usage: occlusion_study [--trade] [--cameras N] [--size WIDTH HEIGHT] [--no-header] SCENE...\n"
-                 "A scene is a model file or plant:OBJECTS; N cameras go around it and as many through it.\n"
-                 "--trade varies number of occluders, map size and threshold; else the choices are compared.\n");
+    std::fprintf(
+        stderr,
+        "usage: occlusion_study [--trade] [--cameras N] [--size WIDTH HEIGHT] [--no-header] SCENE...\n"
+        "A scene is a model file or plant:OBJECTS; N cameras go around it and as many through it.\n"
+        "--trade varies number of occluders, refinement, map size and threshold; else the choices are compared.\n");
     return 2;
   }
   const pgl::EcolOptions options{.boundary = pgl::BoundaryRule::slide};

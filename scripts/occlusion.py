@@ -22,6 +22,7 @@ DOCS = pathlib.Path(__file__).resolve().parent.parent / "docs"
 TEXTS = ("table", "scene", "place", "choice")
 SELECTED = (20, 100, 500, 2000)  # numbers of occluders in the tables
 BUYS = 500  # that of the table of what culling buys
+FINE = 2  # the refinement of the tables, the viewer's own
 
 
 def read(path):
@@ -46,8 +47,9 @@ def scene_name(scene, objects):
     return f"{scene.replace('_', ' ')}, {objects:,.0f}"
 
 
-def pick(rows, choice, occluders=None):
-    return next((r for r in rows if r["choice"] == choice and occluders in (None, r["occluders"])), None)
+def pick(rows, choice, occluders=None, refinement=None):
+    return next((r for r in rows if r["choice"] == choice and occluders in (None, r["occluders"])
+                 and refinement in (None, r["refinement"])), None)
 
 
 def found(row):
@@ -88,69 +90,73 @@ def lines_of(by_scene, cells_of):
     return text
 
 
-def total(by_scene, choice, occluders, measure):
+def total(by_scene, choice, occluders, refinement, measure):
     """The measure of the sums over all scenes and places."""
-    picked = [pick(rows, choice, occluders) for rows in by_scene.values()]
-    picked = [row for row in picked if row]
+    picked = [pick(rows, choice, occluders, refinement) for rows in by_scene.values()]
     return measure({k: sum(r[k] for r in picked) for k in ("culled", "culled_hidden", "hidden", "no_sample")})
-
-
-def effect_table(by_scene):
-    def cells_of(rows):
-        first = rows[0]
-        cells = [f"{first[k]:,.0f}" for k in ("in_view", "seen", "hidden", "no_sample")]
-        for k in SELECTED:
-            row = pick(rows, "selected", k)
-            cells += [f"{row['culled']:,.0f}", percent(found(row)), percent(ratio(row))] if k == 20 else [
-                percent(found(row)), percent(ratio(row))]
-        return cells
-
-    names = ["scene, objects", "cameras", "in view", "seen", "hidden", "no sample", "culled by 20"]
-    for k in SELECTED:
-        names += [f"{k:,}: found %", "ratio %"]
-    sums = [f"{sum(rows[0][k] for rows in by_scene.values()):,.0f}" for k in ("in_view", "seen", "hidden", "no_sample")]
-    culled = sum(pick(rows, "selected", 20)["culled"] for rows in by_scene.values())
-    sums.append(f"{culled:,.0f}")
-    for k in SELECTED:
-        sums += [percent(total(by_scene, "selected", k, found)), percent(total(by_scene, "selected", k, ratio))]
-    return [*heading(names), *lines_of(by_scene, cells_of), "| all | | " + " | ".join(sums) + " |"]
-
-
-LIMITS = (
-    ("selected", 500, "selected, 500"),
-    ("temporal", 500, "temporal, 500"),
-    ("selected", 2000, "selected, 2,000"),
-    ("temporal", 2000, "temporal, 2,000"),
-    ("most seen", 500, "most seen, 500"),
-    ("all of last", None, "all of last"),
-    ("all", None, "all in view"),
-    ("every texel", None, "every texel"),
-    ("every sample", None, "every sample"),
-)
-
-
-def limits_table(by_scene):
-    def cells_of(rows):
-        chosen = pick(rows, "selected", 500)
-        own = 100 * chosen["culled_occluders"] / chosen["hidden"] if chosen["hidden"] else None
-        return [percent(own), *(percent(found(pick(rows, choice, k))) for choice, k, _ in LIMITS)]
-
-    names = ["scene, objects", "cameras", "occluders", *(label for _, _, label in LIMITS)]
-    sums = ["", *(percent(total(by_scene, choice, k, found)) for choice, k, _ in LIMITS)]
-    return [*heading(names), *lines_of(by_scene, cells_of), "| all | | " + " | ".join(sums) + " |"]
 
 
 AIM = 80  # percent of the hidden objects
 
 
-def aim_text(by_scene):
-    """How often the aim is reached, by the choices of the table of limits."""
-    reached = []
-    for choice, k, label in LIMITS:
-        shares = [found(pick(rows, choice, k)) for rows in by_scene.values()]
-        reached.append(f"{label}: {sum(share is not None and share >= AIM for share in shares)}")
-    lead = f"Of these {len(by_scene)} scenes and places, at least {AIM} % are found in so many:"
-    return [lead, "; ".join(reached) + "."]
+def reached(by_scene, choice, occluders, refinement):
+    """In how many scenes and places the aim is reached."""
+    shares = [found(pick(rows, choice, occluders, refinement)) for rows in by_scene.values()]
+    return sum(share is not None and share >= AIM for share in shares)
+
+
+def effect_table(by_scene):
+    ways = [("selected", k, refinement) for refinement in (0, FINE) for k in SELECTED]
+    counts = ("in_view", "seen", "hidden", "no_sample")
+
+    def cells_of(rows):
+        return [f"{rows[0][k]:,.0f}" for k in counts] + [percent(found(pick(rows, *way))) for way in ways]
+
+    names = ["scene, objects", "cameras", "in view", "seen", "hidden", "no sample"]
+    names += [f"2 x 2: {SELECTED[0]}", *(f"{k:,}" for k in SELECTED[1:])]
+    names += [f"finer: {SELECTED[0]}", *(f"{k:,}" for k in SELECTED[1:])]
+    sums = [f"{sum(rows[0][k] for rows in by_scene.values()):,.0f}" for k in counts]
+    text = [*heading(names), *lines_of(by_scene, cells_of)]
+    for label, cells in (
+        ("all", sums + [percent(total(by_scene, *way, found)) for way in ways]),
+        ("all, ratio", [""] * len(counts) + [percent(total(by_scene, *way, ratio)) for way in ways]),
+        (f"at least {AIM} % found", [""] * len(counts) + [f"{reached(by_scene, *way)}" for way in ways]),
+    ):
+        text.append(f"| {label} | | " + " | ".join(cells) + " |")
+    return text
+
+
+LIMITS = (
+    ("selected", 500, FINE, "selected, 500"),
+    ("temporal", 500, FINE, "temporal, 500"),
+    ("selected", 2000, FINE, "selected, 2,000"),
+    ("temporal", 2000, FINE, "temporal, 2,000"),
+    ("most seen", 500, FINE, "most seen, 500"),
+    ("selected", 500, 4, "32 x 32, 500"),
+    ("all of last", None, FINE, "all of last"),
+    ("all", None, 0, "all in view, 2 x 2"),
+    ("all", None, FINE, "all in view"),
+    ("every texel", None, None, "every texel"),
+    ("every sample", None, None, "every sample"),
+)
+
+
+def limits_table(by_scene):
+    def cells_of(rows):
+        chosen = pick(rows, "selected", 500, FINE)
+        own = 100 * chosen["culled_occluders"] / chosen["culled"] if chosen["culled"] else None
+        return [percent(own), *(percent(found(pick(rows, *way))) for *way, _ in LIMITS)]
+
+    names = ["scene, objects", "cameras", "occluders", *(label for *_, label in LIMITS)]
+    picked = [pick(rows, "selected", 500, FINE) for rows in by_scene.values()]
+    own = 100 * sum(r["culled_occluders"] for r in picked) / sum(r["culled"] for r in picked)
+    sums = [percent(own), *(percent(total(by_scene, *way, found)) for *way, _ in LIMITS)]
+    return [
+        *heading(names),
+        *lines_of(by_scene, cells_of),
+        "| all | | " + " | ".join(sums) + " |",
+        f"| at least {AIM} % found | | | " + " | ".join(f"{reached(by_scene, *way)}" for *way, _ in LIMITS) + " |",
+    ]
 
 
 def buys_table(by_scene):
@@ -159,7 +165,7 @@ def buys_table(by_scene):
         return f"{off:,.0f} → {on:,.0f} ({100 * (on / off - 1):+.0f} %)" if off else ""
 
     def cells_of(rows):
-        row = pick(rows, "selected", BUYS)
+        row = pick(rows, "selected", BUYS, FINE)
         released = 100 * row["vertices_culled"] / row["vertices_in_view"] if row["vertices_in_view"] else 0
         cells = [f"{row['vertices_culled']:,.0f} ({released:.0f} %)", f"{row['budget']:,.0f}"]
         return cells + [change(row, key) for key in ("seen_vertices", "seen_triangles", "seen_drawn")]
@@ -169,28 +175,45 @@ def buys_table(by_scene):
     return [*heading(names), *lines_of(by_scene, cells_of)]
 
 
+def trade_row(rows, occluders, refinement=FINE, scale=1, threshold=0.5):
+    key = (occluders, refinement, scale, threshold)
+    return next((r for r in rows if (r["occluders"], r["refinement"], r["scale"], r["threshold"]) == key), None)
+
+
+def tested(refinement):
+    """What the test reads at most."""
+    side = 2 ** (int(refinement) + 1)
+    return f"{side} x {side}"
+
+
 def trade_tables(rows):
+    def cell(row):
+        return f"{percent(found(row))} %, {figure(milliseconds(row))} ms"
+
     text = []
     for (scene, objects, place), group in groups(rows).items():
-        scales = sorted({r["scale"] for r in group})
-        thresholds = sorted({r["threshold"] for r in group if r["scale"] == 1})
-        text += ["", f"{scene_name(scene, objects)} objects, {place}:", ""]
-        text += heading(["occluders", *(f"map 1/{s:.0f}" for s in scales if s > 1),
-                         *(f"map 1/1, at least {t:g}" for t in thresholds)])
-        for k in sorted({r["occluders"] for r in group}):
-            cells = [f"{k:,.0f}"]
-            wanted = [(s, 0.5) for s in scales if s > 1] + [(1, t) for t in thresholds]
-            for scale, threshold in wanted:
-                row = next(r for r in group
-                           if (r["occluders"], r["scale"], r["threshold"]) == (k, scale, threshold))
-                cells.append(f"{percent(found(row))} %, {figure(milliseconds(row))} ms")
+        plain = [r for r in group if (r["scale"], r["threshold"]) == (1, 0.5)]
+        refinements = sorted({r["refinement"] for r in plain})
+        numbers = sorted({r["occluders"] for r in plain})
+        text += ["", f"{scene_name(scene, objects)} objects, {place}, by what the test reads at most:", ""]
+        text += heading(["occluders", *(tested(r) for r in refinements)])
+        for k in numbers:
+            cells = [f"{k:,.0f}", *(cell(trade_row(group, k, refinement)) for refinement in refinements)]
             text.append("| " + " | ".join(cells) + " |")
-        steps = [r for r in group if (r["scale"], r["threshold"]) == (1, 0.5)]
-        text += ["", "Of that, map 1/1 and at least 0.5, in milliseconds:", ""]
-        text += heading(["occluders", "their triangles", "select", "depth", "map", "test"])
-        for row in steps:
-            cells = [f"{row['occluders']:,.0f}", f"{row['occluder_triangles'] / row['cameras']:,.0f}"]
-            cells += [figure(row[k] / row["cameras"]) for k in ("ms_select", "ms_depth", "ms_hzm", "ms_test")]
+        text += ["", "Of that, in milliseconds:", ""]
+        text += heading(["occluders", "their triangles", "select", "depth", "map",
+                         *(f"test, {tested(r)}" for r in refinements)])
+        for k in numbers:
+            row = trade_row(group, k)
+            cells = [f"{k:,.0f}", f"{row['occluder_triangles'] / row['cameras']:,.0f}"]
+            cells += [figure(row[step] / row["cameras"]) for step in ("ms_select", "ms_depth", "ms_hzm")]
+            cells += [figure(trade_row(group, k, r)["ms_test"] / row["cameras"]) for r in refinements]
+            text.append("| " + " | ".join(cells) + " |")
+        text += ["", f"By map and threshold, {tested(FINE)}:", ""]
+        ways = [(2, 0.5), (4, 0.5)] + [(1, t) for t in sorted({r["threshold"] for r in group})]
+        text += heading(["occluders", *(f"map 1/{s}" if s > 1 else f"map 1/1, at least {t:g}" for s, t in ways)])
+        for k in SELECTED:
+            cells = [f"{k:,.0f}", *(cell(trade_row(group, k, FINE, *way)) for way in ways)]
             text.append("| " + " | ".join(cells) + " |")
     return text
 
@@ -213,25 +236,28 @@ culled in all these frames, {wrong:,.0f} were seen.
 
 ## Effectiveness
 
-*Found* is the share of the hidden objects that was culled, *ratio* all culled objects to all that show nothing, hidden
-or without a sample ([Peng13] Table 4.4: 58.3 %). The number before it is that of the occluders, which
-`select_occluders` chooses among the objects with compactness at least 0.5; the map has the picture's size.
+*Found*, the share of the hidden objects that was culled, in percent, by number of occluders, which `select_occluders`
+chooses among the objects with compactness at least 0.5; the map has the picture's size. *2 x 2*: the test reads the at
+most 2 x 2 texels of the map that hold the box's rectangle. *Finer*: where these do not tell, those two levels below, at
+most {fine}, up to the first that is not nearer: `refinement` {refinement} of `cull_occluded`, and what the viewer does.
+*Ratio*: all culled objects to all that show nothing, hidden or without a sample ([Peng13] Table 4.4: 58.3 %). The last
+line counts of the {rows} scenes and places those where at least {aim} % are found.
 """
 
 LIMITS_TEXT = """
 ## What limits it
 
-Found, in percent of the hidden objects, by other choices:
+Found, in percent of the hidden objects, by other choices; with the finer test, if nothing else is said:
 
-- *occluders*: of what 500 selected ones find, those that are occluders themselves. They need not stay, since none
+- *occluders*: of what 500 selected ones cull, those that are occluders themselves. They need not stay, since none
   hides itself: its depths are never nearer than its box;
 - *temporal*: half of the occluders are chosen among what the last frame showed, 1/600 of the way before, the other half
   among what the first do not hide: `--occlusion temporal` of the viewer with half the number;
 - *most seen*: the 500 objects that show the most samples, which only the truth knows;
+- *32 x 32*: 500 selected ones, and the test goes down four levels;
 - *all of last*: all that the last frame showed, with 4,000 temporal ones;
-- *all in view*: all objects are occluders, and tested: the most that the test can find;
-- *every texel*: the same, and the test reads every texel that the rectangle of the box, grown by a pixel, touches,
-  instead of the 2 x 2 that hold them;
+- *all in view*: all objects are occluders, and tested: the most that the test can find, with 2 x 2 texels and finer;
+- *every texel*: the same, and the test reads every texel that the rectangle of the box, grown by a pixel, touches;
 - *every sample*: only those whose centre is in the rectangle, and a rectangle with none shows nothing: what
   axis-aligned boxes can find at most.
 """
@@ -239,17 +265,19 @@ Found, in percent of the hidden objects, by other choices:
 BUYS_TEXT = """
 ## What it buys
 
-With {occluders} occluders selected: the vertices of the culled objects at full detail, and what `distribute_budget`
-(fair) gives to the objects that are seen, without and with culling. The budget is a tenth of the vertices in view, at
-most a million a picture.
+With {occluders} occluders selected and the finer test: the vertices of the culled objects at full detail, and what
+`distribute_budget` (fair) gives to the objects that are seen, without and with culling. The budget is a tenth of the
+vertices in view, at most a million a picture.
 """
 
 TRADE_TEXT = """
 ## The trade
 
-Number of occluders, size of the map and threshold of compactness: the share of the hidden objects that is found, and
-milliseconds of a frame for all steps, select to test, on the host; threads: {threads}. At map 1/2 a texel holds 2 x 2
-pixels, at 1/4 it holds 4 x 4, and one triangle must cover them alone; the threshold is 0.5 there.
+Number of occluders, refinement of the test, size of the map and threshold of compactness: the share of the hidden
+objects that is found, and milliseconds of a frame for all steps, select to test, on the host; threads: {threads}. The
+map has the picture's size and the threshold is 0.5, if nothing else is said. At map 1/2 a texel holds 2 x 2 pixels, at
+1/4 it holds 4 x 4, and one triangle must cover them alone. All tests that differ in refinement alone read the same map,
+drawn and timed once.
 """
 
 
@@ -262,7 +290,8 @@ def page(tables):
     text = [
         "<!-- made by scripts/occlusion.py from occlusion.csv -->",
         "",
-        *INTRODUCTION.strip().format(culled=checked, wrong=wrong).split("\n"),
+        *INTRODUCTION.strip().format(culled=checked, wrong=wrong, fine=tested(FINE), refinement=FINE,
+                                     rows=len(effect), aim=AIM).split("\n"),
         "",
         *effect_table(effect),
         "",
@@ -271,8 +300,6 @@ def page(tables):
         *LIMITS_TEXT.strip().split("\n"),
         "",
         *limits_table(effect),
-        "",
-        *aim_text(effect),
         "",
         *BUYS_TEXT.strip().format(occluders=BUYS).split("\n"),
         "",
@@ -288,16 +315,16 @@ def page(tables):
 
 # ---- the pictures ---------------------------------------------------------------------------------------------------
 
-MARKS = (  # choice, occluders, label, colour, shape, radius
-    ("every sample", None, "every sample", "#bbbbbb", "square", 5),
-    ("every texel", None, "every texel", "#888888", "square", 5),
-    ("all", None, "all in view", "#000000", "square", 5),
-    ("temporal", 2000, "temporal, 2,000", "#c8571b", "circle", 8),
-    ("temporal", 500, "temporal, 500", "#c8571b", "circle", 7),
-    ("selected", 2000, "selected, 2,000", "#1f5fa8", "circle", 6),
-    ("selected", 500, "500", "#1f5fa8", "circle", 5),
-    ("selected", 100, "100", "#1f5fa8", "circle", 4),
-    ("selected", 20, "20", "#1f5fa8", "circle", 3),
+MARKS = (  # choice, occluders, refinement, label, colour, shape, radius
+    ("every sample", None, None, "every sample", "#bbbbbb", "square", 5),
+    ("every texel", None, None, "every texel", "#888888", "square", 5),
+    ("all", None, FINE, "all in view", "#000000", "square", 5),
+    ("temporal", 2000, FINE, "temporal, 2,000", "#c8571b", "circle", 8),
+    ("selected", 2000, FINE, "selected, 2,000", "#1f5fa8", "circle", 6),
+    ("selected", 500, FINE, "500", "#1f5fa8", "circle", 5),
+    ("selected", 100, FINE, "100", "#1f5fa8", "circle", 4),
+    ("selected", 20, FINE, "20", "#1f5fa8", "circle", 3),
+    ("selected", 500, 0, "selected, 500, 2 x 2", "#7fb2e5", "square", 4),
 )
 
 
@@ -312,7 +339,7 @@ def svg_of(width, height, parts):
 
 def effect_picture(rows):
     by_scene = groups(rows)
-    width, left, right, top, step = 1200, 330, 30, 104, 26
+    width, left, right, top, step = 1200, 330, 30, 124, 26
     height = top + step * len(by_scene) + 100
 
     def at_x(value):
@@ -321,8 +348,10 @@ def effect_picture(rows):
     bottom = top + step * len(by_scene)
     parts = [
         write(24, 32, "Share of the hidden objects that is found", 20, weight="bold"),
-        write(24, 56, "From outside and inside each scene, by what the occluders are. Squares: everything is one, "
-              "and the test reads 2 x 2 texels (black), every texel, every sample."),
+        write(24, 56, "From outside and inside each scene, by what the occluders are. The test reads up to "
+              f"{tested(FINE)} texels; light blue: only 2 x 2."),
+        write(24, 76, "Black and grey: everything is an occluder, and the test reads up to "
+              f"{tested(FINE)} texels (black), every texel, every sample."),
         f'<rect x="{left}" y="{top}" width="{width - left - right}" height="{bottom - top}" fill="#fafafa" '
         'stroke="#999"/>',
     ]
@@ -335,33 +364,41 @@ def effect_picture(rows):
         parts.append(write(left - 10, y + 5, place, 13, "end", "#666"))
         if i > 0 and place == "outside":
             parts.append(line(24, y - step / 2, width - right, y - step / 2, "#ccc"))
-        for choice, k, _, colour, shape, radius in MARKS:
-            row = pick(group, choice, k)
+        for choice, k, refinement, _, colour, shape, radius in MARKS:
+            row = pick(group, choice, k, refinement)
             if row and row["hidden"]:
                 parts.append(mark(shape, at_x(found(row)), y, radius, colour, True, "#ffffff"))
     x, y = 24, bottom + 36
-    for _, _, label, colour, shape, radius in reversed(MARKS):
+    for *_, label, colour, shape, radius in reversed(MARKS):
         parts.append(mark(shape, x + 8, y, radius, colour, True, "#ffffff"))
         parts.append(write(x + 20, y + 5, label, 14))
-        x += 44 + 8.2 * len(label)
+        x += 40 + 7.4 * len(label)
     return svg_of(width, height, parts)
 
 
 def trade_picture(rows):
     panels = list(groups(rows).items())
-    width, left, right, top, gap = 1200, 76, 24, 96, 40
+    width, left, right, top, gap = 1200, 76, 24, 116, 40
     panel_height = 300
     columns = 2
     panel = (width - left - right - (columns - 1) * gap) / columns
     height = top + math.ceil(len(panels) / columns) * (panel_height + 76) + 50
     times = [milliseconds(r) for r in rows]
     low, high = math.floor(math.log2(min(times))), math.ceil(math.log2(max(times)))
-    series = ((1, 0.5, "#1f5fa8", "map 1/1"), (2, 0.5, "#c8571b", "map 1/2"), (4, 0.5, "#7a7a7a", "map 1/4"),
-              (1, 0.9, "#2e8b57", "map 1/1, at least 0.9 compact"))
+    series = (  # refinement, scale, threshold, colour, label
+        (0, 1, 0.5, "#7fb2e5", tested(0)),
+        (FINE, 1, 0.5, "#1f5fa8", tested(FINE)),
+        (4, 1, 0.5, "#6a3d9a", tested(4)),
+        (FINE, 2, 0.5, "#c8571b", f"map 1/2, {tested(FINE)}"),
+        (FINE, 4, 0.5, "#7a7a7a", f"map 1/4, {tested(FINE)}"),
+        (FINE, 1, 0.9, "#2e8b57", f"at least 0.9 compact, {tested(FINE)}"),
+    )
     parts = [
         write(left, 32, "The trade: time of a frame's occlusion culling against what it finds", 20, weight="bold"),
-        write(left, 56, "Each line: 5, 10, 20, 50, 100, 200, 500, 1,000, 2,000 occluders, compactness at least 0.5. "
-              "Host, milliseconds; percent of the hidden objects."),
+        write(left, 56, "By texels that the test reads at most, map and compactness. Dots: 5, 10, 20, 50, 100, 200, "
+              "500, 1,000, 2,000 occluders, or 20, 100, 500, 2,000."),
+        write(left, 76, "Host, milliseconds; percent of the hidden objects. If nothing else is said, the map has the "
+              "picture's size and compactness is at least 0.5."),
     ]
     for i, ((scene, objects, place), group) in enumerate(panels):
         x0 = left + (i % columns) * (panel + gap)
@@ -384,17 +421,17 @@ def trade_picture(rows):
             parts.append(line(x0, at_y(tick), x0 + panel, at_y(tick), "#888" if tick == 80 else "#ddd"))
             if i % columns == 0:
                 parts.append(write(x0 - 8, at_y(tick) + 5, f"{tick} %", 14, "end"))
-        for scale, threshold, colour, _ in series:
+        for *way, colour, _ in series:
             points = [(milliseconds(r), found(r)) for r in group
-                      if (r["scale"], r["threshold"]) == (scale, threshold)]
+                      if [r["refinement"], r["scale"], r["threshold"]] == way]
             places = " ".join(f"{at_x(x):.1f},{at_y(y):.1f}" for x, y in points)
             parts.append(f'<polyline points="{places}" fill="none" stroke="{colour}" stroke-width="2"/>')
             parts += [mark("circle", at_x(x), at_y(y), 4, colour, True) for x, y in points]
     x = left
-    for _, _, colour, label in series:
+    for *_, colour, label in series:
         parts.append(line(x, height - 30, x + 26, height - 30, colour, 3))
         parts.append(write(x + 34, height - 25, label, 15))
-        x += 70 + 8.5 * len(label)
+        x += 60 + 8 * len(label)
     return svg_of(width, height, parts)
 
 
