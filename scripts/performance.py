@@ -30,7 +30,7 @@ def figure(value, digits=3):
 def target(row):
     if "target_ms" not in row:
         return ""
-    aim = f"≤ {row['target_ms']:g}"
+    aim = f"≤ {round(row['target_ms'], 3):g}"
     if "ms" not in row:
         return aim
     return f"{aim}: met" if row["ms"] <= row["target_ms"] else f"{aim}: **missed**"
