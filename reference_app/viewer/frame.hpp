@@ -90,8 +90,7 @@ class AnyFrame {
 /// - the steps, under the names and with the arguments of pgl::host; distribute_budget has at its end where the totals
 ///   go, in such an array;
 /// - BudgetWorkspace, ReformWorkspace<Index>, OccluderWorkspace, DepthWorkspace: their scratch;
-/// reserve(ReformWorkspace,
-///   objects, vertices of the largest mesh);
+/// - reserve(ReformWorkspace, objects, vertices of the largest mesh);
 /// - clear(depths): makes them all far_depth;
 /// - finish(): waits until the results are there;
 /// - fetch(pointers to elements...): their values, as a tuple; download(span): its elements, as a vector;
