@@ -4,12 +4,16 @@
 
 #include "pgl/bounds.hpp"
 #include "pgl/build_ecol.hpp"
+#include "pgl/build_hzm.hpp"
 #include "pgl/cull_frustum.hpp"
+#include "pgl/cull_occluded.hpp"
+#include "pgl/depth.hpp"
 #include "pgl/distribute_budget.hpp"
 #include "pgl/gather.hpp"
 #include "pgl/ieee.hpp"
 #include "pgl/oriented_box.hpp"
 #include "pgl/project.hpp"
+#include "pgl/rasterize_depth.hpp"
 #include "pgl/rearrange.hpp"
 #include "pgl/reform.hpp"
 #include "pgl/select_occluders.hpp"
@@ -52,6 +56,32 @@ __global__ void occluder_kernel(const pgl::Object* objects, const pgl::OrientedB
   const pgl::OccluderFace face = pgl::occluder_face(boxes[objects[i].mesh], 1.0f, objects[i].transform);
   keys[i] = pgl::occluder_key(pgl::occluder_weight(face, pgl::eye_of(view)), i);
   keys[i] += pgl::compactness_key(face.compactness) + (pgl::surface_area(boxes[i]) > 0.0 ? 1u : 0u);
+}
+
+__global__ void occlusion_kernel(const pgl::Box* boxes, const glm::vec3* points, pgl::View view, pgl::DepthMap size,
+                                 pgl::Depth* texels, std::uint8_t* hidden) {
+  const unsigned i = blockIdx.x * blockDim.x + threadIdx.x;
+  const pgl::DepthView depth_view = pgl::depth_view_of(view, size);
+  pgl::ClipVertex corners[3];
+  pgl::DepthVertex placed[3];
+  for (int k = 0; k < 3; ++k) {
+    corners[k] = pgl::clip_vertex(depth_view, points[3 * i + k]);
+    placed[k] = pgl::depth_vertex(depth_view, corners[k]);
+  }
+  pgl::DepthTriangle drawn[2];
+  int count = 1;
+  if (pgl::is_drawable(placed[0]))
+    drawn[0] = pgl::depth_triangle(depth_view, placed[0], placed[1], placed[2]);
+  else
+    count = pgl::cut_depth_triangle(depth_view, corners, drawn);
+  if (count > 0 && drawn[0].columns > 0) {
+    const pgl::DepthSpan span = pgl::covered_span(drawn[0], 0);
+    if (span.first < span.end && pgl::covers(drawn[0], span.first, 0))
+      texels[i] = pgl::depth_at(drawn[0], span.first, 0);
+  }
+  const pgl::HzmLevel level = pgl::hzm_level(size, 1);
+  texels[level.offset + i] = pgl::texel_above(texels, size.width, size.height, i % level.width, i / level.width);
+  hidden[i] = pgl::is_hidden(boxes[i], view, pgl::hzm_of(size, texels), 1) ? 1 : 0;
 }
 
 __global__ void vertex_kernel(const pgl::Object* objects, const glm::vec3* vertices, const std::uint32_t* ecol,

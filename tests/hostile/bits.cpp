@@ -11,11 +11,14 @@
 
 #include "pgl/host/bounds.hpp"
 #include "pgl/host/build_ecol.hpp"
+#include "pgl/host/build_hzm.hpp"
 #include "pgl/host/cull_frustum.hpp"
+#include "pgl/host/cull_occluded.hpp"
 #include "pgl/host/distribute_budget.hpp"
 #include "pgl/host/gather.hpp"
 #include "pgl/host/oriented_box.hpp"
 #include "pgl/host/project.hpp"
+#include "pgl/host/rasterize_depth.hpp"
 #include "pgl/host/rearrange.hpp"
 #include "pgl/host/reform.hpp"
 #include "pgl/host/select_occluders.hpp"
@@ -378,6 +381,62 @@ void occluders(Hash& hash) {
   }
 }
 
+/// Soups of triangles, some of them through the near plane, their map, and small boxes among and behind them.
+void occlusion(Hash& hash) {
+  Random random(11);
+  std::vector<pgl::Mesh> meshes(8);
+  std::vector<glm::vec3> vertices;
+  std::vector<pgl::Triangle<std::uint32_t>> triangles;
+  std::vector<std::uint32_t> map;
+  for (pgl::Mesh& mesh : meshes) {
+    const std::uint32_t n = 3 + random.below(30);
+    mesh = {vertices.size(), triangles.size(), map.size(), n, n};
+    map.push_back(n);
+    for (std::uint32_t i = 0; i < n; ++i) {
+      vertices.push_back(random.point());
+      triangles.push_back({{random.below(n), random.below(n), random.below(n)}});
+    }
+  }
+  std::vector<pgl::Object> objects(24);
+  std::vector<std::uint32_t> all(objects.size());
+  for (std::uint32_t i = 0; i < objects.size(); ++i) {
+    objects[i] = {random.below(static_cast<std::uint32_t>(meshes.size())), a_transform(random)};
+    all[i] = i;
+  }
+  std::vector<pgl::Box> boxes(5000);
+  for (pgl::Box& box : boxes) {
+    const glm::vec3 p = random.point(), q = random.point();
+    for (int i = 0; i < 3; ++i) {
+      box.min[i] = p[i];
+      box.max[i] = ieee::add(p[i], ieee::mul(q[i], q[i] < 0.0f ? -0.01f : 0.01f));
+    }
+  }
+  std::vector<std::uint8_t> in_view(boxes.size(), 1), visible(boxes.size());
+  pgl::host::DepthWorkspace workspace;
+  for (std::uint32_t i = 0; i < 24; ++i) {
+    pgl::View view = a_view(random);
+    view.width = 200.0f;
+    view.height = 150.0f;
+    view.depth_order = random.below(2) ? pgl::DepthOrder::reversed : pgl::DepthOrder::conventional;
+    const auto coverage = i % 2 == 0 ? pgl::Coverage::centres : pgl::Coverage::whole;
+    const pgl::DepthMap size = pgl::depth_map_of(view, 1 + i / 2 % 3, coverage);
+    const std::size_t texels = std::size_t{size.width} * size.height;
+    const std::span<const std::uint32_t> occluders = std::span(all).first(1 + i);
+    std::vector<pgl::Depth> hzm(pgl::hzm_texels(size), pgl::far_depth);
+    pgl::host::rasterize_depth<std::uint32_t>(meshes, objects, vertices, triangles, map, occluders, view, size,
+                                              workspace, std::span(hzm).first(texels));
+    pgl::host::build_hzm(size, hzm);
+    hash(hzm);
+    for (const pgl::Box& box : boxes) {
+      pgl::Depth nearest = 0;
+      hash(pgl::project(box, view, nearest));
+      hash(std::uint64_t{nearest});
+    }
+    pgl::host::cull_occluded(boxes, in_view, {}, view, size, hzm, i % 4, visible);
+    hash(visible);
+  }
+}
+
 void distribute_budget(Hash& hash) {
   Random random(7);
   constexpr std::size_t n = 20000;
@@ -467,6 +526,7 @@ int main() {
   print("cull_frustum", cull_frustum);
   print("project", project);
   print("occluders", occluders);
+  print("occlusion", occlusion);
   print("distribute_budget", distribute_budget);
   print("build_ecol float", build_ecol<float>);
   print("build_ecol double", build_ecol<double>);
