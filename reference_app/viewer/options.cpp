@@ -49,11 +49,12 @@ class Parser {
  public:
   template <class T>
   CLI::Option* add_number(const std::string& name, T& value, T low, T high, const std::string& help) {
-    return add(name, help, [=, &value](const std::string& text) {
+    CLI::Option* option = add(name, help, [=, &value](const std::string& text) {
       const auto given = number<T>(text, low, high);
       if (!given) refuse(name, "needs a number from " + shown(low) + " to " + shown(high) + ", not '" + text + "'");
       value = *given;
     });
+    return option->type_name("N");
   }
 
   template <class T>
@@ -118,14 +119,14 @@ std::optional<Options> parse_options(int argc, const char* const* argv) {
                                   "What vertices on open edges do [locked]");
 
   parser
-      .add("--budget", "Vertices to draw, 0 to 2^32, or all [1000000]",
+      .add("--budget", "Vertices to draw, at most 2^32 [1000000]",
            [&](const std::string& text) {
              constexpr std::uint64_t most = std::uint64_t{1} << 32;
              const auto given = text == "all" ? most : number<std::uint64_t>(text, 0, most);
              if (!given) refuse("--budget", "needs a number from 0 to 4294967296, or all, not '" + text + "'");
              options.budget = *given;
            })
-      ->type_name("");
+      ->type_name("N|all");
   parser.add_number("--alpha", options.distribution.alpha, std::nextafter(1.0f, 2.0f), 64.0f,
                     "Above 1 to 64: small favours area on the screen, large detailed objects [3]");
   parser.add_number("--pet", options.distribution.pet, 0.0f, std::numeric_limits<float>::max(),
@@ -143,57 +144,63 @@ std::optional<Options> parse_options(int argc, const char* const* argv) {
   parser.add_choice<OcclusionMode>(
       "--occlusion", options.occlusion.mode,
       {{"on", OcclusionMode::on}, {"off", OcclusionMode::off}, {"temporal", OcclusionMode::temporal}},
-      "Leave out what others hide, temporal: chosen by what the frame before showed; the "
-      "picture then has one sample a pixel [off]");
-  CLI::Option* aos = parser.add("--aos", "Objects that hide others, each frame anew: 0 to 2^32 - 1, or all [500]",
-                                [&](const std::string& text) {
-                                  constexpr std::size_t most = std::numeric_limits<std::uint32_t>::max();
-                                  const auto given = text == "all" ? most : number<std::size_t>(text, 0, most);
-                                  if (!given) {
-                                    refuse("--aos", "needs a number from 0 to 4294967295, or all, not '" + text + "'");
-                                  }
-                                  options.occlusion.aos = *given;
-                                });
+      "Leave out what a few objects hide: the heaviest in view, or temporal: of those seen before; "
+      "one sample a pixel [off]");
+  CLI::Option* aos = parser
+                         .add("--aos", "Objects that may hide others, temporal: up to twice as many [500]",
+                              [&](const std::string& text) {
+                                constexpr std::size_t most = std::numeric_limits<std::uint32_t>::max();
+                                const auto given = text == "all" ? most : number<std::size_t>(text, 0, most);
+                                if (!given) {
+                                  refuse("--aos", "needs a number from 0 to 4294967295, or all, not '" + text + "'");
+                                }
+                                options.occlusion.aos = *given;
+                              })
+                         ->type_name("N|all");
   CLI::Option* compactness = parser.add_number("--compactness", options.occlusion.compactness, 0.0f, 1.0f,
                                                "Only objects at least so compact hide others: 0 any, 1 boxes [0.5]");
-
   CLI::Option* refine = parser.add_number("--refine", options.occlusion.refinement, 0u, 16u,
-                                          "Levels of finer tests where 2x2 texels do not tell what is hidden [2]");
+                                          "Levels of finer tests, 0 to 16, where 2x2 texels do not tell [2]");
 
-  parser.add("--camera", "ex,ey,ez,tx,ty,tz[,fov]: eye, target, vertical field of view in degrees [whole model]",
-             [&](const std::string& text) {
-               constexpr double most = 1e30;
-               std::vector<double> numbers;
-               for (const std::string_view part : cut(text, ',')) {
-                 const auto given = number<double>(part, -most, most);
-                 if (!given) refuse("--camera", "'" + std::string(part) + "' is not a number from -1e30 to 1e30");
-                 numbers.push_back(*given);
+  parser
+      .add("--camera", "Eye, target, vertical field of view in degrees [whole model]",
+           [&](const std::string& text) {
+             constexpr double most = 1e30;
+             std::vector<double> numbers;
+             for (const std::string_view part : cut(text, ',')) {
+               const auto given = number<double>(part, -most, most);
+               if (!given) refuse("--camera", "'" + std::string(part) + "' is not a number from -1e30 to 1e30");
+               numbers.push_back(*given);
+             }
+             if (numbers.size() != 6 && numbers.size() != 7) {
+               refuse("--camera", "needs 6 or 7 numbers, not " + std::to_string(numbers.size()));
+             }
+             CameraOption camera;
+             camera.eye = {numbers[0], numbers[1], numbers[2]};
+             camera.target = {numbers[3], numbers[4], numbers[5]};
+             if (!(glm::distance(camera.eye, camera.target) > 0.0)) refuse("--camera", "eye and target coincide");
+             if (numbers.size() == 7) {
+               if (!(numbers[6] >= 1.0 && numbers[6] <= 170.0)) {
+                 refuse("--camera", "the field of view must be from 1 to 170 degrees");
                }
-               if (numbers.size() != 6 && numbers.size() != 7) {
-                 refuse("--camera", "needs 6 or 7 numbers, not " + std::to_string(numbers.size()));
-               }
-               CameraOption camera;
-               camera.eye = {numbers[0], numbers[1], numbers[2]};
-               camera.target = {numbers[3], numbers[4], numbers[5]};
-               if (!(glm::distance(camera.eye, camera.target) > 0.0)) refuse("--camera", "eye and target coincide");
-               if (numbers.size() == 7) {
-                 if (!(numbers[6] >= 1.0 && numbers[6] <= 170.0)) {
-                   refuse("--camera", "the field of view must be from 1 to 170 degrees");
-                 }
-                 camera.fov_degrees = numbers[6];
-               }
-               options.camera = camera;
-             });
-  parser.add("--size", "WxH, pixels, 1 to 16384 each [1280x720]", [&](const std::string& text) {
-    const auto parts = cut(text, 'x');
-    const auto width = number<int>(parts[0], 1, 16384);
-    const auto height = number<int>(parts.back(), 1, 16384);
-    if (parts.size() != 2 || !width || !height) {
-      refuse("--size", "needs WIDTHxHEIGHT, each from 1 to 16384, not '" + text + "'");
-    }
-    options.width = *width;
-    options.height = *height;
-  });
+               camera.fov_degrees = numbers[6];
+             }
+             options.camera = camera;
+           })
+      ->type_name("ex,ey,ez,tx,ty,tz[,fov]");
+  parser
+      .add("--size", "Pixels, 1 to 16384 each way [1280x720]",
+           [&](const std::string& text) {
+             const auto parts = cut(text, 'x');
+             const auto width = number<int>(parts[0], 1, 16384);
+             const auto height = number<int>(parts.back(), 1, 16384);
+             if (parts.size() != 2 || !width || !height) {
+               refuse("--size", "needs WIDTHxHEIGHT, each from 1 to 16384, not '" + text + "'");
+             }
+             options.width = *width;
+             options.height = *height;
+           })
+      ->type_name("WxH");
   app.add_flag("--wireframe", options.wireframe, "Draw the edges of the triangles");
   app.add_flag("--orbit", options.orbit, "Turn the camera around the model by a degree a frame");
   app.add_flag("--headless", options.headless, "No window, even where there is a display");

@@ -788,6 +788,11 @@ TEST_F(Viewer, ImpossibleOptionsAreRefusedInOneLine) {
                                                          {"--aos", "20"},
                                                          {"--compactness", "0.5"},
                                                          {"--aos", "20", "--occlusion", "off"},
+                                                         {"--aos"},
+                                                         {"--refine", "-1", "--occlusion", "on"},
+                                                         {"--refine", "17", "--occlusion", "on"},
+                                                         {"--refine", "1.5", "--occlusion", "on"},
+                                                         {"--refine", "2"},
                                                          {"--reference", "picture.jpg"},
                                                          {"--reference", ""},
                                                          {"--output", "picture.jpg"},
@@ -868,7 +873,7 @@ TEST_F(Viewer, HelpAndVersionArePrinted) {
   const Outcome help = run({"--help"});
   EXPECT_EQ(help.code, 0);
   for (const char* option : {"--budget", "--camera", "--size", "--output", "--stats", "--frames", "--headless",
-                             "--occlusion", "--aos", "--compactness", "--reference"}) {
+                             "--occlusion", "--aos", "--compactness", "--refine", "--reference"}) {
     EXPECT_NE(help.out.find(option), std::string::npos) << option;
   }
   const Outcome version = run({"--version"});
