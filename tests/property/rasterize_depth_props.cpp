@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include <gtest/gtest.h>
+#include <rapidcheck.h>
 #include <rapidcheck/gtest.h>
 
 #include <algorithm>
@@ -76,14 +77,16 @@ Number in_steps(Depth depth) {
 }
 
 /// Whether each texel that is written is covered by one triangle, which is nowhere in it farther than what was written.
+/// Counts these texels.
 template <class Index>
-bool holds(const DepthScene<Index>& scene, const DepthMap& size) {
+bool holds(const DepthScene<Index>& scene, const DepthMap& size, int& written) {
   const auto depth = drawn(scene, size);
   const auto exactly = truth(scene);
   for (std::uint32_t j = 0; j < size.height; ++j)
     for (std::uint32_t i = 0; i < size.width; ++i) {
       const Depth d = depth[std::size_t{j} * size.width + i];
       if (d == far_depth) continue;
+      ++written;
       const auto all = places(scene.view, size, i, j);
       const bool is_true = std::ranges::any_of(exactly, [&](const DrawnTriangle& t) {
         const auto most = farthest(t, all);
@@ -94,12 +97,19 @@ bool holds(const DepthScene<Index>& scene, const DepthMap& size) {
   return true;
 }
 
-RC_GTEST_PROP(RasterizeDepthProps, aTexelThatIsWrittenIsCoveredAndNotTooNear, ()) {
-  for (int repeat = 0; repeat < 5; ++repeat) {
-    auto scene = test::any_depth_scene<std::uint32_t>();
-    const DepthMap size = test::choose_size(scene.view, 24);
-    RC_ASSERT(holds(scene, size));
-  }
+TEST(RasterizeDepthProps, ATexelThatIsWrittenIsCoveredAndNotTooNear) {
+  int scenes = 0, with_texels = 0;
+  EXPECT_TRUE(rc::check([&] {
+    for (int repeat = 0; repeat < 5; ++repeat) {
+      auto scene = test::any_depth_scene<std::uint32_t>();
+      const DepthMap size = test::choose_size(scene.view, 24);
+      int written = 0;
+      RC_ASSERT(holds(scene, size, written));
+      ++scenes;
+      with_texels += written > 0;
+    }
+  }));
+  EXPECT_GE(with_texels, scenes / 10);  // else this says nothing
 }
 
 /// Window depth a / m.
@@ -174,25 +184,39 @@ RC_GTEST_PROP(RasterizeDepthProps, theExactPictureHasAKnownPointOfATriangleAtIts
   RC_ASSERT(inside >= 90);
 }
 
-RC_GTEST_PROP(RasterizeDepthProps, anEdgeExactlyThroughAPixelsCentreDoesNotCoverIt, ()) {
-  for (int repeat = 0; repeat < 200; ++repeat) {
-    const int i = numbers::whole(0, 15), j = numbers::whole(0, 15);
-    const float unit = std::ldexp(1.0f, numbers::whole(-12, 20));
-    const glm::vec3 a = in_units(unit), c = in_units(unit);
-    const auto scene = one_triangle(around_the_origin(i, j, unit), a, -a, c);
-    RC_ASSERT(!truth(scene)[0].covers_pixel(i, j, true));
-    RC_ASSERT(holds(scene, pgl::depth_map_of(scene.view)));
-  }
+TEST(RasterizeDepthProps, AnEdgeExactlyThroughAPixelsCentreDoesNotCoverIt) {
+  int triangles = 0, with_texels = 0;
+  EXPECT_TRUE(rc::check([&] {
+    for (int repeat = 0; repeat < 200; ++repeat) {
+      const int i = numbers::whole(0, 15), j = numbers::whole(0, 15);
+      const float unit = std::ldexp(1.0f, numbers::whole(-12, 20));
+      const glm::vec3 a = in_units(unit), c = in_units(unit);
+      const auto scene = one_triangle(around_the_origin(i, j, unit), a, -a, c);
+      RC_ASSERT(!truth(scene)[0].covers_pixel(i, j, true));
+      int written = 0;
+      RC_ASSERT(holds(scene, pgl::depth_map_of(scene.view), written));
+      ++triangles;
+      with_texels += written > 0;
+    }
+  }));
+  EXPECT_GE(with_texels, triangles / 4);  // what lies to one side of the centre is drawn
 }
 
-RC_GTEST_PROP(RasterizeDepthProps, aDepthJustBeyondAStepIsRoundedToTheNext, ()) {
-  for (int repeat = 0; repeat < 200; ++repeat) {
-    const int i = numbers::whole(0, 15), j = numbers::whole(0, 15);
-    const float unit = std::ldexp(1.0f, numbers::whole(-12, 20));
-    const glm::vec3 a = in_units(unit), b = in_units(unit);
-    const auto scene = one_triangle(around_the_origin(i, j, unit), a, b, -(a + b));  // the origin is its centroid
-    RC_ASSERT(holds(scene, pgl::depth_map_of(scene.view)));
-  }
+TEST(RasterizeDepthProps, ADepthJustBeyondAStepIsRoundedToTheNext) {
+  int triangles = 0, with_texels = 0;
+  EXPECT_TRUE(rc::check([&] {
+    for (int repeat = 0; repeat < 200; ++repeat) {
+      const int i = numbers::whole(0, 15), j = numbers::whole(0, 15);
+      const float unit = std::ldexp(1.0f, numbers::whole(-12, 20));
+      const glm::vec3 a = in_units(unit), b = in_units(unit);
+      const auto scene = one_triangle(around_the_origin(i, j, unit), a, b, -(a + b));  // the origin is its centroid
+      int written = 0;
+      RC_ASSERT(holds(scene, pgl::depth_map_of(scene.view), written));
+      ++triangles;
+      with_texels += written > 0;
+    }
+  }));
+  EXPECT_GE(with_texels, triangles / 2);
 }
 
 /// Balls, rings and octahedra before an ordinary camera, or also around it.
@@ -213,51 +237,63 @@ DepthScene<std::uint32_t> ordinary_scene(bool around) {
   return scene;
 }
 
-RC_GTEST_PROP(RasterizeDepthProps, nearlyAllThatIsCoveredIsWrittenAtItsDepth, ()) {
-  const auto scene = ordinary_scene(true);
-  const DepthMap size = pgl::depth_map_of(scene.view);
-  const auto depth = drawn(scene, size);
-  const auto exactly = truth(scene);
-  exact::Picture picture(scene.view);
-  picture.draw(exactly);
-  int covered = 0, good = 0;
-  for (std::uint32_t j = 0; j < size.height; ++j)
-    for (std::uint32_t i = 0; i < size.width; ++i) {
-      const Depth d = depth[std::size_t{j} * size.width + i];
-      const DrawnTriangle* const seen = picture.at(static_cast<int>(i), static_cast<int>(j));
-      RC_ASSERT(seen != nullptr || d == far_depth);
-      if (seen == nullptr) continue;
-      ++covered;
-      const Number exactly_here = seen->depth_at_pixel(static_cast<int>(i), static_cast<int>(j));
-      RC_ASSERT(exactly_here <= in_steps(d));
-      good += in_steps(d) - exactly_here <= Number(0x1p-31) ? 1 : 0;  // two steps
-    }
-  RC_ASSERT(good * 1000 >= covered * 999 - 1000);  // edges of the meshes may go exactly through a centre or two
+TEST(RasterizeDepthProps, NearlyAllThatIsCoveredIsWrittenAtItsDepth) {
+  int scenes = 0, all_covered = 0;
+  EXPECT_TRUE(rc::check([&] {
+    const auto scene = ordinary_scene(true);
+    const DepthMap size = pgl::depth_map_of(scene.view);
+    const auto depth = drawn(scene, size);
+    const auto exactly = truth(scene);
+    exact::Picture picture(scene.view);
+    picture.draw(exactly);
+    int covered = 0, good = 0;
+    for (std::uint32_t j = 0; j < size.height; ++j)
+      for (std::uint32_t i = 0; i < size.width; ++i) {
+        const Depth d = depth[std::size_t{j} * size.width + i];
+        const DrawnTriangle* const seen = picture.at(static_cast<int>(i), static_cast<int>(j));
+        RC_ASSERT(seen != nullptr || d == far_depth);
+        if (seen == nullptr) continue;
+        ++covered;
+        const Number exactly_here = seen->depth_at_pixel(static_cast<int>(i), static_cast<int>(j));
+        RC_ASSERT(exactly_here <= in_steps(d));
+        good += in_steps(d) - exactly_here <= Number(0x1p-31) ? 1 : 0;  // two steps
+      }
+    RC_ASSERT(good * 1000 >= covered * 999 - 1000);  // edges of the meshes may go exactly through a centre or two
+    ++scenes;
+    all_covered += covered;
+  }));
+  EXPECT_GE(all_covered, scenes * 20);
 }
 
 /// For larger texels too, but for those on the cut of what is left of a triangle that passes through the near plane.
-RC_GTEST_PROP(RasterizeDepthProps, largeTexelsAreWrittenWhereOneTriangleCoversThem, ()) {
-  const auto scene = ordinary_scene(false);
-  const DepthMap size = pgl::depth_map_of(scene.view, static_cast<std::uint32_t>(numbers::whole(1, 5)),
-                                          test::coin() ? Coverage::centres : Coverage::whole);
-  const auto depth = drawn(scene, size);
-  const auto exactly = truth(scene);
-  int covered = 0, good = 0;
-  for (std::uint32_t j = 0; j < size.height; ++j)
-    for (std::uint32_t i = 0; i < size.width; ++i) {
-      if (i == size.width - 1 || j == size.height - 1) continue;  // may end beyond the picture
-      const auto all = places(scene.view, size, i, j);
-      std::optional<Number> nearest;
-      for (const DrawnTriangle& t : exactly)
-        if (const auto most = farthest(t, all); most && (!nearest || *most < *nearest)) nearest = most;
-      const Depth d = depth[std::size_t{j} * size.width + i];
-      RC_ASSERT(nearest || d == far_depth);
-      if (!nearest) continue;
-      ++covered;
-      RC_ASSERT(*nearest <= in_steps(d));
-      good += in_steps(d) - *nearest <= Number(0x1p-31) ? 1 : 0;
-    }
-  RC_ASSERT(good * 1000 >= covered * 999 - 1000);
+TEST(RasterizeDepthProps, LargeTexelsAreWrittenWhereOneTriangleCoversThem) {
+  int scenes = 0, all_covered = 0;
+  EXPECT_TRUE(rc::check([&] {
+    const auto scene = ordinary_scene(false);
+    const DepthMap size = pgl::depth_map_of(scene.view, static_cast<std::uint32_t>(numbers::whole(1, 5)),
+                                            test::coin() ? Coverage::centres : Coverage::whole);
+    const auto depth = drawn(scene, size);
+    const auto exactly = truth(scene);
+    int covered = 0, good = 0;
+    for (std::uint32_t j = 0; j < size.height; ++j)
+      for (std::uint32_t i = 0; i < size.width; ++i) {
+        if (i == size.width - 1 || j == size.height - 1) continue;  // may end beyond the picture
+        const auto all = places(scene.view, size, i, j);
+        std::optional<Number> nearest;
+        for (const DrawnTriangle& t : exactly)
+          if (const auto most = farthest(t, all); most && (!nearest || *most < *nearest)) nearest = most;
+        const Depth d = depth[std::size_t{j} * size.width + i];
+        RC_ASSERT(nearest || d == far_depth);
+        if (!nearest) continue;
+        ++covered;
+        RC_ASSERT(*nearest <= in_steps(d));
+        good += in_steps(d) - *nearest <= Number(0x1p-31) ? 1 : 0;
+      }
+    RC_ASSERT(good * 1000 >= covered * 999 - 1000);
+    ++scenes;
+    all_covered += covered;
+  }));
+  EXPECT_GE(all_covered, scenes * 5);
 }
 
 }  // namespace
