@@ -95,8 +95,10 @@ PGL_HD constexpr bool is_all_nearer(const TexelRange& range, std::uint32_t level
 ///
 /// They are those of the pixels [i, i + 1) x [j, j + 1) of the map that the rectangle touches once it is grown by one
 /// pixel to each side. Renderers move vertices to a grid, of 1/256 of a pixel or so, and may then cover a pixel centre
-/// that the true triangle misses; with the grown rectangle that does not matter. A rectangle that is empty, has a NaN
-/// or, grown, lies beside the map touches no texel.
+/// that the true triangle misses; with the grown rectangle that does not matter. The grid can also
+/// take a sample from an occluder whose edge is as near to it as that. The samples around must be covered too, so what
+/// is behind can show there only where another occluder begins within a pixel of that edge. A rectangle that is empty,
+/// has a NaN or, grown, lies beside the map touches no texel.
 PGL_HD constexpr bool covered_texels(const ScreenBox& rectangle, const DepthMap& size, TexelRange& range) {
   return detail::covered_along(rectangle.x0, rectangle.x1, size.width, size.scale, range.x0, range.x1) &&
          detail::covered_along(rectangle.y0, rectangle.y1, size.height, size.scale, range.y0, range.y1);
@@ -147,7 +149,8 @@ PGL_HD inline bool is_hidden(const Box& box, const ViewRows& view, const Hzm& hz
 
 }  // namespace detail
 
-/// Tells whether a box is hidden by what is in the map. True is certain: no sample of the picture shows a point of it.
+/// Tells whether a box is hidden by what is in the map. True is certain: no sample of the picture, drawn with exact
+/// arithmetic, shows a point of it.
 ///
 /// hzm: the map of the picture's samples as rasterize_depth promises it, none of its depths nearer than the occluders'
 /// surface. Not hidden is a box that comes nearer than near_depth or to the near plane, that is empty, behind the

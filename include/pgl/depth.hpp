@@ -22,7 +22,7 @@ inline constexpr Depth far_depth = 0xffffffffu;
 PGL_HD constexpr Depth depth_above(double window_depth) {
   if (!(window_depth < 1.0)) return far_depth;
   if (!(window_depth > 0.0)) return 0;
-  const double steps = ieee::mul(window_depth, 0x1p32);  // exact but for subnormals, which become 0 or 1 step
+  const double steps = ieee::mul(window_depth, 0x1p32);  // exact: a power of two, and more
   const std::uint64_t whole = static_cast<std::uint64_t>(steps);
   const std::uint64_t up = whole + (static_cast<double>(whole) < steps ? 1 : 0);
   return up < far_depth ? static_cast<Depth>(up) : far_depth;

@@ -226,7 +226,7 @@ PGL_HD inline ScreenBox project(const Box& box, const ViewRows& view, Depth& nea
 /// With clip = clip_from_world * p in exact real arithmetic, the rectangle holds (clip.x / clip.w + 1) * width / 2 and
 /// (clip.y / clip.w + 1) * height / 2 of every point p of the box with clip.w >= near_depth that falls on the viewport
 /// [0, width] x [0, height], to which it is clamped; depth is at most the least clip.w, and at least near_depth. Both
-/// are rounded outwards, by a few parts in 10^16 of the terms in the matrix product and then to the next float.
+/// are rounded outwards, by a few parts in 10^15 of the terms in the matrix product and then to the next float.
 ///
 /// A box that comes nearer than near_depth, or cannot be told from one, takes the whole viewport and near_depth; so
 /// does a box with a NaN or infinite side. A box that is empty, wholly behind the camera (clip.w < 0) or wholly beside
@@ -238,7 +238,7 @@ PGL_HD inline ScreenBox project(const Box& box, const View& view) {
   return detail::project(box, detail::rows_of(view));
 }
 
-/// The same, and a Depth that nothing of the box is nearer than: its least window depth, less a few parts in 10^16 of
+/// The same, and a Depth that nothing of the box is nearer than: its least window depth, less a few parts in 10^15 of
 /// the terms in the matrix product, rounded down. That is 0 for a box that takes the whole viewport because it comes
 /// too near, and for one whose rectangle is empty.
 PGL_HD inline ScreenBox project(const Box& box, const View& view, Depth& nearest) {

@@ -16,15 +16,15 @@ namespace pgl {
 /// What an object shows as an occluder: the largest face of its oriented box, in the world.
 struct OccluderFace {
   glm::vec3 centre{0.0f};  ///< of the box
-  glm::vec3 normal{
-      0.0f};  ///< of the face, as long as the square root of its area, so that it never leaves float's range
+  /// Of the face, as long as the square root of its area, so that it never leaves float's range.
+  glm::vec3 normal{0.0f};
   float compactness = 0.0f;  ///< of the mesh, 0 to 1
   friend bool operator==(const OccluderFace&, const OccluderFace&) = default;
 };
 
 /// Returns the largest face of a mesh's oriented box carried by an object's transform; of equal ones, that of axes[2],
-/// then axes[1]. An empty box gives OccluderFace{}, which is never heavy; where a
-/// number is not finite, or leaves float's range, centre and normal are quiet_nan, and the face is never selected.
+/// then axes[1]. An empty box gives OccluderFace{}, whose weight is 0; where a number is not finite, or leaves float's
+/// range, centre and normal are quiet_nan, and the face is never selected.
 PGL_HD inline OccluderFace occluder_face(const OrientedBox& box, float compactness, const glm::mat4x3& m) {
   OccluderFace face;
   if (is_empty(box)) return face;
@@ -93,13 +93,14 @@ PGL_HD inline Eye eye_of(const View& view) {
   return {ieee::div(x, scale), ieee::div(y, scale), ieee::div(z, scale), 0.0};
 }
 
-/// Weighs an object as an occluder: its compactness times about the solid angle, over 2 pi, of its largest face.
+/// Weighs an object as an occluder: its compactness times about the solid angle of its largest face where that is
+/// small; where it is not, growing more slowly, up to 1 for a face that the eye touches.
 ///
 /// With t from the box's centre to the eye, A the area of the face and a its unit normal,
 /// weight = compactness * A |a . t| / (|t| (|t|^2 + A)): our reading of [Peng13] Eq 4.2, made finite for an eye inside
-/// the box. It is 0 where |t| < 2^-250, as at t = 0, or |t| > 2^250, where float has no smaller number for it. For an
-/// orthographic view t is the direction to the eye, and weight = sqrt(compactness * A |a . t| / |t|): what the face
-/// covers, to scale.
+/// the box. It is 0 where |t| < 2^-250, as at t = 0, or |t| > 2^250, where it is too small for a float. For an
+/// orthographic view t is the direction to the eye, and weight = sqrt(compactness * A |a . t| / |t|): the root of what
+/// the face covers, to scale.
 /// At least 0, and finite, for a face with finite numbers; NaN, which is never selected, for others.
 /// Source: [Peng13] Eq 4.2.
 PGL_HD inline float occluder_weight(const OccluderFace& face, const Eye& eye) {

@@ -37,6 +37,8 @@ OrientedBox oriented_box(std::span<const glm::vec3> positions, std::span<const T
   Extreme largest{0.0, Extreme::no_vertex};  // by triangle
   for (std::size_t t = 0; t < triangles.size(); ++t) {
     const Triangle<Index>& triangle = triangles[t];
+    PGL_ASSERT(triangle.v[0] < positions.size() && triangle.v[1] < positions.size() &&
+               triangle.v[2] < positions.size());
     const double key = triangle_key(positions[triangle.v[0]], positions[triangle.v[1]], positions[triangle.v[2]]);
     units += area_units(key, scale);
     if (key > largest.reach) largest = {key, static_cast<std::uint32_t>(t)};
@@ -100,9 +102,9 @@ OrientedBox oriented_box(std::span<const glm::vec3> positions, std::span<const T
 /// the box, so that a wall of one layer of triangles is as compact as it looks. Triangles with a vertex that is not
 /// finite count as nothing; no area, or no surface, is 0.
 ///
-/// meshes, vertices, triangles, map: in, the model's; boxes, compactness: out, one per mesh. Calls for parts of the
-/// meshes give the same as one for all. O(vertices + triangles), parallel over the meshes, allocates nothing; the same
-/// bits for any number of threads.
+/// meshes, vertices, triangles, map: in, the model's; boxes, compactness: out, one per mesh. Precondition: a mesh's
+/// triangles have indices below its max_vertices. Calls for parts of the meshes give the same as one for all.
+/// O(vertices + triangles), parallel over the meshes, allocates nothing; the same bits for any number of threads.
 /// Source: our reading of [Peng13] 4.2.1; the box after Larsson and Källberg, Fast computation of tight-fitting
 /// oriented bounding boxes, 2011.
 template <class Index>

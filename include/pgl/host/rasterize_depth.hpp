@@ -33,8 +33,9 @@ inline constexpr std::size_t batch_vertices = 1 << 15;     ///< per thread: thos
 inline constexpr std::uint64_t most_shared_texels = 1024;  ///< larger boxes are drawn in bands of rows, one thread each
 
 inline void add_parts(std::vector<Part>& parts, std::uint32_t object, std::uint32_t count, std::size_t base) {
-  for (std::uint32_t first = 0; first < count; first += part_size)
-    parts.push_back({object, first, count - first < part_size ? count : first + part_size, base});
+  for (std::uint64_t first = 0; first < count; first += part_size)  // in 64 bits, lest the last step begin anew
+    parts.push_back({object, static_cast<std::uint32_t>(first),
+                     static_cast<std::uint32_t>(std::min<std::uint64_t>(first + part_size, count)), base});
 }
 
 /// Keeps the nearer depth; shared: while other threads draw there.
@@ -65,8 +66,9 @@ void draw_rows(const DepthTriangle& t, std::uint32_t first, std::uint32_t last, 
 
 }  // namespace depth_detail
 
-/// Scratch of rasterize_depth, kept from frame to frame: it only grows, to some megabytes per thread, or to 40 bytes
-/// per vertex of the largest occluder if that is more.
+/// Scratch of rasterize_depth, kept from frame to frame: it only grows, as a rule to some megabytes per thread, or to
+/// 40 bytes per vertex of the largest occluder if that is more. With several threads triangles whose box has more than
+/// 1024 texels take 120 bytes each on top, those of an occluder, or of as many as are drawn together, at once.
 struct DepthWorkspace {
   std::vector<DepthVertex> vertices;
   std::vector<depth_detail::Part> vertex_parts;
@@ -92,7 +94,8 @@ struct DepthWorkspace {
 ///   more than once, entries of no_object are passed over;
 /// - depth: width * height texels, row after row, changed in place. Overlaps no input.
 ///
-/// Preconditions: every entry of clip_from_world is finite; size is depth_map_of(view, size.scale, size.coverage).
+/// Preconditions: every entry of clip_from_world is finite; size is depth_map_of(view, size.scale, size.coverage); the
+/// occluders are below objects.size(), or no_object; a mesh's triangles have indices below its max_vertices.
 /// O(vertices + triangles + texels covered, with multiplicity + rows of the triangles' boxes), in parallel, also within
 /// large triangles; allocates only where the workspace is smaller than ever before. The same for any number of threads
 /// and any order of the occluders. Source: [Peng13] 4.6, which draws with OpenGL.

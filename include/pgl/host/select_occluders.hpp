@@ -85,7 +85,7 @@ inline void select_occluders(std::span<const std::uint32_t> candidates, std::spa
                              std::span<std::uint32_t> occluders) {
   const std::size_t n = candidates.size(), k = std::min(occluders.size(), n);
   PGL_ASSERT(in_view.empty() || in_view.size() == faces.size());
-  PGL_ASSERT(faces.size() <= (std::size_t{1} << 31));
+  PGL_ASSERT(faces.size() <= (std::size_t{1} << 31) && n <= faces.size());
   const std::size_t blocks = detail::block_count(n);
   if (workspace.keys.size() < n) workspace.keys.resize(n);
   if (workspace.heaviest.size() < n) workspace.heaviest.resize(n);
