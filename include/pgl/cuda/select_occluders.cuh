@@ -23,7 +23,8 @@ namespace pgl::cuda {
 /// largest call and stays.
 struct OccluderWorkspace {
   Buffer memory;
-  Buffer counters;  ///< all zero between the calls of select_occluders
+  /// All zero between the calls of select_occluders: for one stream at a time, and no more after a call that failed.
+  Buffer counters;
 };
 
 namespace detail {
