@@ -597,7 +597,9 @@ int main(int argc, char** argv) try {
     else if (word == "--size" && i + 2 < argc) {
       width = static_cast<std::uint32_t>(number(argv[++i], 16384));
       height = static_cast<std::uint32_t>(number(argv[++i], 16384));
-    } else
+    } else if (word.starts_with("-"))
+      throw std::runtime_error("unknown or unfinished option '" + std::string(word) + "'");
+    else
       scenes.emplace_back(word);
   }
   if (scenes.empty()) {

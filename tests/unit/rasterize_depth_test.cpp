@@ -323,4 +323,39 @@ TEST(RasterizeDepth, AllocatesNothingTheSecondTime) {
   EXPECT_EQ(held(), before);
 }
 
+/// The spans that the host draws, and depths by steps along a row, are those that the rule defines texel by texel.
+TEST(RasterizeDepth, SpansAndStepsAreWhatTheDefinitionSays) {
+  std::mt19937 random(7);
+  std::size_t covered = 0, rows_without = 0;
+  for (int repeat = 0; repeat < 3000; ++repeat) {
+    View v;
+    v.width = static_cast<float>(1 + random() % 60);
+    v.height = static_cast<float>(1 + random() % 40);
+    const pgl::DepthView view = pgl::depth_view_of(v, depth_map_of(v));
+    pgl::DepthVertex corners[3];
+    for (pgl::DepthVertex& c : corners) {
+      const float reach = repeat % 3 == 0 ? 3.0f : 1.0f;
+      const glm::vec3 p(reach * test::signed_unit(random), reach * test::signed_unit(random),
+                        test::signed_unit(random));
+      c = pgl::depth_vertex(view, pgl::clip_vertex(view, p));
+      ASSERT_TRUE(pgl::is_drawable(c));
+    }
+    const pgl::DepthTriangle t = pgl::depth_triangle(view, corners[0], corners[1], corners[2]);
+    if (t.columns == 0) continue;
+    for (std::uint32_t j = 0; j < t.rows; ++j) {
+      const pgl::DepthSpan span = pgl::covered_span(t, j);
+      std::int64_t value = t.depth[0] + t.depth[2] * static_cast<std::int64_t>(j);
+      rows_without += span.first >= span.end;
+      for (std::uint32_t i = 0; i < t.columns; ++i, value += t.depth[1]) {
+        ASSERT_EQ(pgl::covers(t, i, j), span.first <= i && i < span.end) << i << ", " << j;
+        if (!pgl::covers(t, i, j)) continue;
+        ASSERT_EQ(pgl::depth_at(t, i, j), pgl::depth_of(t, value));
+        ++covered;
+      }
+    }
+  }
+  EXPECT_GT(covered, 100000u);
+  EXPECT_GT(rows_without, 100u);
+}
+
 }  // namespace

@@ -3,7 +3,6 @@
 #pragma once
 
 #include <algorithm>
-#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <span>
@@ -31,32 +30,8 @@ inline std::uint64_t lay_out_delta(std::span<const std::uint64_t> previous_offse
                                    std::span<const std::uint64_t> offsets, std::span<std::uint64_t> delta_offsets) {
   PGL_ASSERT(!offsets.empty() && previous_offsets.size() == offsets.size() && delta_offsets.size() == offsets.size());
   PGL_ASSERT(previous_offsets.front() == 0 && offsets.front() == 0);
-  const std::size_t n = offsets.size() - 1;
-  const std::size_t blocks = detail::block_count(n);
-  const auto size_of = [&](std::size_t i) { return delta_part(previous_offsets.data(), offsets.data(), i).size; };
-  std::array<std::uint64_t, detail::max_blocks> starts{};
-  if (blocks > 1) {
-    detail::for_blocks(n, blocks, [&](std::size_t b, std::size_t begin, std::size_t end) {
-      std::uint64_t sum = 0;
-      for (std::size_t i = begin; i < end; ++i) sum += size_of(i);
-      starts[b] = sum;
-    });
-    std::uint64_t running = 0;
-    for (std::size_t b = 0; b < blocks; ++b) {
-      const std::uint64_t sum = starts[b];
-      starts[b] = running;
-      running += sum;
-    }
-  }
-  delta_offsets[0] = 0;
-  detail::for_blocks(n, blocks, [&](std::size_t b, std::size_t begin, std::size_t end) {
-    std::uint64_t running = starts[b];
-    for (std::size_t i = begin; i < end; ++i) {
-      running += size_of(i);
-      delta_offsets[i + 1] = running;
-    }
-  });
-  return delta_offsets[n];
+  return detail::scan(offsets.size() - 1, delta_offsets,
+                      [&](std::size_t i) { return delta_part(previous_offsets.data(), offsets.data(), i).size; });
 }
 
 namespace pack_delta_detail {

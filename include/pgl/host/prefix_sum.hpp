@@ -38,23 +38,16 @@ auto sum_blocks(std::size_t n, std::size_t blocks, Part&& part) {
   return parts[0];
 }
 
-}  // namespace detail
-
-/// Writes the exclusive prefix sums of n integers: offsets[i] is the sum of the first i values, offsets[n] the total,
-/// which is also returned.
-///
-/// values: in, n unsigned integers. offsets: out, n + 1 entries, not overlapping values. No values: one offset, 0.
-/// Precondition: the total is below 2^64. O(n), nothing allocated; the same for any number of threads.
-template <class T>
-std::uint64_t exclusive_sum(std::span<const T> values, std::span<std::uint64_t> offsets) {
-  PGL_ASSERT(offsets.size() == values.size() + 1);
-  const std::size_t n = values.size();
-  const std::size_t blocks = detail::block_count(n);
-  std::array<std::uint64_t, detail::max_blocks> starts{};
+/// Writes the exclusive prefix sums of value(0) .. value(n - 1) to offsets[0 .. n], and returns the total. Each value
+/// is asked for once or twice, from any thread.
+template <class Value>
+std::uint64_t scan(std::size_t n, std::span<std::uint64_t> offsets, Value&& value) {
+  const std::size_t blocks = block_count(n);
+  std::array<std::uint64_t, max_blocks> starts{};
   if (blocks > 1) {
-    detail::for_blocks(n, blocks, [&](std::size_t b, std::size_t begin, std::size_t end) {
+    for_blocks(n, blocks, [&](std::size_t b, std::size_t begin, std::size_t end) {
       std::uint64_t sum = 0;
-      for (std::size_t i = begin; i < end; ++i) sum += values[i];
+      for (std::size_t i = begin; i < end; ++i) sum += value(i);
       starts[b] = sum;
     });
     std::uint64_t running = 0;
@@ -65,14 +58,27 @@ std::uint64_t exclusive_sum(std::span<const T> values, std::span<std::uint64_t> 
     }
   }
   offsets[0] = 0;
-  detail::for_blocks(n, blocks, [&](std::size_t b, std::size_t begin, std::size_t end) {
+  for_blocks(n, blocks, [&](std::size_t b, std::size_t begin, std::size_t end) {
     std::uint64_t running = starts[b];
     for (std::size_t i = begin; i < end; ++i) {
-      running += values[i];
+      running += value(i);
       offsets[i + 1] = running;
     }
   });
   return offsets[n];
+}
+
+}  // namespace detail
+
+/// Writes the exclusive prefix sums of n integers: offsets[i] is the sum of the first i values, offsets[n] the total,
+/// which is also returned.
+///
+/// values: in, n unsigned integers. offsets: out, n + 1 entries, not overlapping values. No values: one offset, 0.
+/// Precondition: the total is below 2^64. O(n), nothing allocated; the same for any number of threads.
+template <class T>
+std::uint64_t exclusive_sum(std::span<const T> values, std::span<std::uint64_t> offsets) {
+  PGL_ASSERT(offsets.size() == values.size() + 1);
+  return detail::scan(values.size(), offsets, [&](std::size_t i) { return values[i]; });
 }
 
 }  // namespace pgl::host
