@@ -1,7 +1,5 @@
 // SPDX-License-Identifier: MIT
 // pgl_viewer: a model, a camera and a vertex budget go in; a picture comes out, in a window or in a file.
-#include <unistd.h>
-
 #include <algorithm>
 #include <array>
 #include <chrono>
@@ -27,6 +25,7 @@
 #include "scene/for_each.hpp"
 #include "scene/import.hpp"
 #include "scene/plant.hpp"
+#include "scene/progress_line.hpp"
 #include "scene/weld.hpp"
 #include "viewer/camera.hpp"
 #include "viewer/context.hpp"
@@ -43,33 +42,6 @@
 namespace pgl::viewer {
 
 namespace {
-
-/// Progress on stderr, for work of more than a second: one line that changes on a terminal, else a line now and then.
-class ProgressLine {
- public:
-  ~ProgressLine() { clear(); }
-
-  void operator()(std::string_view stage, std::size_t done, std::size_t total) {
-    const double now = std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count();
-    if (now < next_) return;
-    next_ = now + (terminal_ ? 0.2 : 10.0);
-    const auto percent = static_cast<int>(total == 0 ? 0 : 100.0 * static_cast<double>(done) / total);
-    std::fprintf(stderr, "%s%.*s %d %%%s", terminal_ ? "\r\033[K" : "", static_cast<int>(stage.size()), stage.data(),
-                 percent, terminal_ ? "" : "\n");
-    shown_ = true;
-  }
-
-  void clear() {
-    if (shown_ && terminal_) std::fputs("\r\033[K", stderr);
-    shown_ = false;
-  }
-
- private:
-  std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
-  double next_ = 1.0;
-  bool terminal_ = isatty(STDERR_FILENO) == 1;
-  bool shown_ = false;
-};
 
 /// The model files as one scene.
 scene::Scene import_files(const Options& options, const scene::Progress& progress) {
@@ -312,7 +284,7 @@ void run(const Options& options) {
 #endif
   Report report;
   report.threads = host::thread_count();
-  ProgressLine line;
+  scene::ProgressLine line;
   const scene::Progress progress = std::ref(line);
 
   Stopwatch watch;
