@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "pgl/host/reform.hpp"
+#include "support/block.hpp"
 #include "support/random_collapse.hpp"
 #include "support/random_scene.hpp"
 
@@ -52,6 +53,13 @@ void puts_every_object_in_its_place() {
   pgl::host::reform<Index>(s.meshes, s.objects, s.triangles, s.ecol, s.counts, s.vertex_offsets, s.triangle_offsets,
                            workspace, global);
   RC_ASSERT(local == s.local);
+  RC_ASSERT(global == s.global);
+
+  const auto block = test::block_of(s.meshes, s.objects, &pgl::Mesh::first_triangle, s.triangles, s.triangle_offsets,
+                                    pgl::Triangle<Index>{{0, 0, 0}});
+  global.assign(s.global.size(), {});
+  pgl::host::reform_block<Index>(s.meshes, s.objects, block, s.ecol, s.counts, s.vertex_offsets, s.triangle_offsets,
+                                 workspace, global);
   RC_ASSERT(global == s.global);
 }
 RC_GTEST_PROP(ReformProps, putsEveryObjectInItsPlace16, ()) {

@@ -15,6 +15,7 @@
 #include "pgl/cuda/gather.cuh"
 #include "pgl/host/gather.hpp"
 #include "pgl/host/parallel.hpp"
+#include "support/block.hpp"
 #include "support/numbers.hpp"
 #include "twin/device.cuh"
 #include "twin/graph.cuh"
@@ -131,7 +132,15 @@ AssertionResult agree(const Scene& s) {
     pgl::host::gather<Placed, Vertex>(s.meshes, s.objects, vertices, s.counts, s.offsets, out);
     return out;
   };
+  const auto block = test::block_of(s.meshes, s.objects, &Mesh::first_vertex, vertices, s.offsets, untouched<Vertex>());
+  const auto block_on_host = [&] {
+    std::vector<Placed> out(s.offsets.back() + beyond, untouched<Placed>());
+    pgl::host::gather_block<Placed, Vertex>(s.objects, block, s.offsets, out);
+    return out;
+  };
   const auto expected = on_host();
+  if (const auto same = same_bytes(block_on_host(), expected); !same)
+    return AssertionFailure() << "a block: " << same.message();
 #if defined(_OPENMP)
   const int all = omp_get_max_threads();
   omp_set_num_threads(1);
@@ -152,6 +161,13 @@ AssertionResult agree(const Scene& s) {
                                              offsets.input(), out.view(), {nullptr, threads}));
       if (const auto same = same_bytes(with_one_nan(out.read()), with_one_nan(expected)); !same) {
         return AssertionFailure() << "blocks of " << threads << ", " << shift << " off: " << same.message();
+      }
+      const DeviceArray<Vertex> packed(block, shift);
+      pgl::test::poison(out);
+      must(pgl::cuda::gather_block<Placed, Vertex>(objects.input(), packed.input(), offsets.input(), out.view(),
+                                                   {nullptr, threads}));
+      if (const auto same = same_bytes(with_one_nan(out.read()), with_one_nan(expected)); !same) {
+        return AssertionFailure() << "a block, blocks of " << threads << ", " << shift << " off: " << same.message();
       }
     }
   }
@@ -277,12 +293,22 @@ TEST(GatherTwin, ReplaysAsAGraph) {
     return pgl::cuda::gather<PlacedVertex, vec3>(meshes.input(), objects.input(), vertices.input(), counts.input(),
                                                  offsets.input(), out.view(), stream);
   };
+  const DeviceArray<vec3> block(
+      test::block_of(s.meshes, s.objects, &Mesh::first_vertex, s.vertices, s.offsets, untouched<vec3>()));
+  const auto enqueue_block = [&](cudaStream_t stream) {
+    return pgl::cuda::gather_block<PlacedVertex, vec3>(objects.input(), block.input(), offsets.input(), out.view(),
+                                                       stream);
+  };
   must(enqueue(nullptr));  // loads the kernel
-  const pgl::test::Captured graph(enqueue);
+  must(enqueue_block(nullptr));
+  const pgl::test::Captured graph(enqueue), block_graph(enqueue_block);
   for (int round = 0; round < 2; ++round) {
     pgl::test::poison(out);
     graph.replay();
     EXPECT_TRUE(same_bytes(with_one_nan(out.read()), with_one_nan(expected)));
+    pgl::test::poison(out);
+    block_graph.replay();
+    EXPECT_TRUE(same_bytes(with_one_nan(out.read()), with_one_nan(expected))) << "a block";
   }
 }
 

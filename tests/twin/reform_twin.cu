@@ -14,6 +14,7 @@
 #include "pgl/cuda/reform.cuh"
 #include "pgl/host/parallel.hpp"
 #include "pgl/host/reform.hpp"
+#include "support/block.hpp"
 #include "support/random_scene.hpp"
 #include "twin/device.cuh"
 #include "twin/graph.cuh"
@@ -61,6 +62,12 @@ struct Reformed {
 };
 
 template <class Index>
+std::vector<Triangle<Index>> block_of(const Scene<Index>& s) {
+  return test::block_of(s.meshes, s.objects, &Mesh::first_triangle, s.triangles, s.triangle_offsets,
+                        untouched<Triangle<Index>>());
+}
+
+template <class Index>
 Reformed<Index> on_host(const Scene<Index>& s, pgl::host::ReformWorkspace<Index>& workspace) {
   const std::size_t size = s.triangle_offsets.back() + beyond;
   Reformed<Index> result{std::vector(size, untouched<Triangle<Index>>()),
@@ -77,7 +84,7 @@ template <class Index>
 struct OnDevice {
   DeviceArray<Mesh> meshes;
   DeviceArray<Object> objects;
-  DeviceArray<Triangle<Index>> triangles;
+  DeviceArray<Triangle<Index>> triangles, block;
   DeviceArray<Index> ecol;
   DeviceArray<std::uint32_t> counts;
   DeviceArray<std::uint64_t> vertex_offsets, triangle_offsets;
@@ -88,6 +95,7 @@ struct OnDevice {
       : meshes(s.meshes, shift),
         objects(s.objects, shift),
         triangles(s.triangles, shift),
+        block(block_of(s), shift),
         ecol(s.ecol, shift),
         counts(s.counts, shift),
         vertex_offsets(s.vertex_offsets, shift),
@@ -103,6 +111,11 @@ struct OnDevice {
     return pgl::cuda::reform<Index>(meshes.input(), objects.input(), triangles.input(), ecol.input(), counts.input(),
                                     vertex_offsets.input(), triangle_offsets.input(), workspace, global.view(), launch);
   }
+  cudaError_t reform_block(pgl::cuda::ReformWorkspace<Index>& workspace, pgl::cuda::Launch launch) const {
+    return pgl::cuda::reform_block<Index>(meshes.input(), objects.input(), block.input(), ecol.input(), counts.input(),
+                                          vertex_offsets.input(), triangle_offsets.input(), workspace, global.view(),
+                                          launch);
+  }
   Reformed<Index> read() const { return {local.read(), global.read()}; }
 };
 
@@ -116,6 +129,11 @@ AssertionResult all_agree(const Scene<Index>& s, Reformed<Index>* first = nullpt
   pgl::host::ReformWorkspace<Index> host_workspace;
   const auto expected = on_host(s, host_workspace);
   if (first != nullptr) *first = expected;
+  std::vector from_block(expected.global.size(), untouched<Triangle<std::uint32_t>>());
+  pgl::host::reform_block<Index>(s.meshes, s.objects, block_of(s), s.ecol, s.counts, s.vertex_offsets,
+                                 s.triangle_offsets, host_workspace, from_block);
+  if (const auto same = same_bytes(from_block, expected.global); !same)
+    return AssertionFailure() << "a block: " << same.message();
 #if defined(_OPENMP)
   const int all = omp_get_max_threads();
   omp_set_num_threads(1);
@@ -135,6 +153,13 @@ AssertionResult all_agree(const Scene<Index>& s, Reformed<Index>* first = nullpt
       must(device.reform(workspace, {nullptr, threads}));
       if (const auto same = device.read().is(expected); !same) {
         return AssertionFailure() << "blocks of " << threads << (reserved ? ", reserved: " : ": ") << same.message();
+      }
+      pgl::test::poison(device.global);
+      poison(workspace.buffer);
+      must(device.reform_block(workspace, {nullptr, threads}));
+      if (const auto same = device.read().is(expected); !same) {
+        return AssertionFailure() << "a block, blocks of " << threads << (reserved ? ", reserved: " : ": ")
+                                  << same.message();
       }
     }
   }

@@ -6,7 +6,10 @@
 #include <bit>
 #include <cstdint>
 #include <limits>
+#include <span>
 #include <vector>
+
+#include "support/block.hpp"
 
 #if defined(_OPENMP)
 #include <omp.h>
@@ -184,6 +187,7 @@ TEST(Gather, EqualsThePlainLoopAtAnySizeAndNumberOfThreads) {
       expected.push_back({vec3(static_cast<float>(i) * p.x, i, -2.0f * static_cast<float>(i)), i});
     }
   }
+  const auto block = test::block_of(meshes, objects, &Mesh::first_vertex, vertices, offsets, vec3(-9));
 #if defined(_OPENMP)
   const int threads = omp_get_max_threads();
   for (const int n : {1, 2, 7, threads}) {
@@ -194,7 +198,53 @@ TEST(Gather, EqualsThePlainLoopAtAnySizeAndNumberOfThreads) {
     std::vector<PlacedVertex> out(expected.size());
     pgl::host::gather<PlacedVertex, vec3>(meshes, objects, vertices, counts, offsets, out);
     EXPECT_EQ(out, expected);
+    out.assign(expected.size(), {});
+    pgl::host::gather_block<PlacedVertex, vec3>(objects, block, offsets, out);
+    EXPECT_EQ(out, expected) << "from a block";
   }
+}
+
+TEST(GatherBlock, PlacesTheVerticesOfTheBlock) {
+  const Small s;
+  const std::vector<vec3> block{vec3(1), vec3(2), vec3(10), vec3(20), vec3(30), vec3(4), vec3(99)};
+  std::vector<PlacedVertex> out(7, {vec3(-1), 77});
+  pgl::host::gather_block<PlacedVertex, vec3>(s.objects, block, s.offsets, out);
+  EXPECT_EQ(
+      out, (std::vector<PlacedVertex>{
+               {vec3(1), 0}, {vec3(2), 0}, {vec3(21), 2}, {vec3(41), 2}, {vec3(61), 2}, {vec3(4), 3}, {vec3(-1), 77}}));
+}
+
+TEST(GatherBlock, TakesAPayloadOfOnesOwn) {
+  const Small s;
+  const std::vector<mine::Vertex> block{{vec3(1), 7}, {vec3(2), 8}, {vec3(1), 7},
+                                        {vec3(2), 8}, {vec3(3), 9}, {vec3(4), 1}};
+  std::vector<mine::Drawn> out(6);
+  pgl::host::gather_block<mine::Drawn, mine::Vertex>(s.objects, block, s.offsets, out);
+  EXPECT_EQ(out[4].position, vec3(7));
+  EXPECT_EQ(out[4].material, 9u);
+  EXPECT_EQ(out[4].object, 2u);
+  EXPECT_EQ(out[5].object, 3u);
+}
+
+TEST(GatherBlock, AcceptsEmptyScenesAndEmptySelections) {
+  const std::vector<std::uint64_t> none{0};
+  pgl::host::gather_block<vec3, vec3>({}, {}, none, {});
+  const Small s;
+  pgl::host::gather_block<vec3, vec3>(s.objects, {}, std::vector<std::uint64_t>(5), {});
+}
+
+TEST(GatherBlock, ChecksItsInputInDebugBuilds) {
+  GTEST_FLAG_SET(death_test_style, "threadsafe");
+  const Small s;
+  const std::vector<vec3> block(6);
+  std::vector<vec3> out(6);
+  const auto with = [&](std::size_t vertices, std::size_t room) {
+    pgl::host::gather_block<vec3, vec3>(s.objects, std::span(block).first(vertices), s.offsets,
+                                        std::span(out).first(room));
+  };
+  with(6, 6);
+  EXPECT_DEATH(with(5, 6), "block");
+  EXPECT_DEATH(with(6, 5), "out");
 }
 
 TEST(Gather, ChecksItsInputInDebugBuilds) {

@@ -10,6 +10,7 @@
 #include <random>
 #include <vector>
 
+#include "support/block.hpp"
 #include "support/random_collapse.hpp"
 
 #if defined(_OPENMP)
@@ -60,6 +61,15 @@ struct Scene {
   Triangles<std::uint32_t> reform() const {
     pgl::host::ReformWorkspace<Index> workspace;
     return reform(workspace);
+  }
+  /// From a block of the selected triangles, with no others at hand.
+  Triangles<std::uint32_t> reform_block(pgl::host::ReformWorkspace<Index>& workspace) const {
+    const pgl::Triangle<Index> beyond{{no_target<Index>, no_target<Index>, no_target<Index>}};
+    const auto block = test::block_of(meshes, objects, &Mesh::first_triangle, triangles, triangle_offsets, beyond);
+    Triangles<std::uint32_t> out(triangle_offsets.back());
+    pgl::host::reform_block<Index>(meshes, objects, block, ecol, counts, vertex_offsets, triangle_offsets, workspace,
+                                   out);
+    return out;
   }
   Triangles<Index> reform_local() const {
     pgl::host::ReformWorkspace<Index> workspace;
@@ -163,6 +173,8 @@ TYPED_TEST(Reform, AcceptsEmptyScenes) {
   Scene<TypeParam> scene;
   EXPECT_TRUE(scene.reform().empty());
   EXPECT_TRUE(scene.reform_local().empty());
+  pgl::host::ReformWorkspace<TypeParam> workspace;
+  EXPECT_TRUE(scene.reform_block(workspace).empty());
   scene.add({}, {}, 0, 0);
   scene.add({{{0, 0, 0}}}, {no_target<TypeParam>}, 0, 0);
   EXPECT_TRUE(scene.reform().empty());
@@ -288,6 +300,31 @@ TYPED_TEST(Reform, IsTheSameWhicheverWayItTakes) {
   EXPECT_TRUE(hidden.reform(workspace).empty()) << "with a workspace that was used for another selection";
 }
 
+// The second objects show the triangles of the first again: in the block they are there twice.
+TYPED_TEST(Reform, IsTheSameFromABlock) {
+  auto scene = all_ways<TypeParam>();
+  const std::size_t objects = scene.objects.size();
+  for (std::size_t i = 0; i < objects; i += 3) {
+    scene.objects.push_back(scene.objects[i]);
+    if (i % 2 == 0) scene.objects.back().transform = mirror_x;
+    scene.counts.push_back(scene.counts[i]);
+    scene.vertex_offsets.push_back(scene.vertex_offsets.back() + scene.counts[i]);
+    const std::uint64_t shown = scene.triangle_offsets[i + 1] - scene.triangle_offsets[i];
+    scene.triangle_offsets.push_back(scene.triangle_offsets.back() + shown);
+  }
+  pgl::host::ReformWorkspace<TypeParam> workspace;
+  const auto expected = scene.reform(workspace);
+#if defined(_OPENMP)
+  const int threads = omp_get_max_threads();
+  for (const int n : {1, 3, threads}) {
+    omp_set_num_threads(n);
+#else
+  {
+#endif
+    EXPECT_EQ(scene.reform_block(workspace), expected);
+  }
+}
+
 #if defined(_OPENMP)
 TYPED_TEST(Reform, DoesNotDependOnTheNumberOfThreads) {
   const auto scene = all_ways<TypeParam>();
@@ -355,6 +392,19 @@ TYPED_TEST(Reform, ChecksItsInputInDebugBuilds) {
   EXPECT_DEATH(with({no_target<Index>, no_target<Index>, no_target<Index>}, {{{0, 1, 2}}}, 0), "ecol");
   EXPECT_DEATH(with(good, {{{0, 1, 3}}}, 0), "vertices");
   EXPECT_DEATH(with(good, {{{0, 1, 2}}}, 0xFFFFFFFFu), "max");
+  // A block may be shorter than the triangles of the meshes, but not than the selection.
+  Scene<Index> scene;
+  scene.add({{{0, 1, 2}}, {{2, 1, 0}}}, good, 3, 2);
+  scene.add({{{0, 1, 2}}, {{2, 1, 0}}}, good, 3, 1);
+  const auto from_block_of = [&](std::size_t size) {
+    pgl::host::ReformWorkspace<Index> workspace;
+    Triangles<std::uint32_t> out(3);
+    pgl::host::reform_block<Index>(scene.meshes, scene.objects, Triangles<Index>(size), scene.ecol, scene.counts,
+                                   scene.vertex_offsets, scene.triangle_offsets, workspace, out);
+    return out[2];
+  };
+  EXPECT_EQ(from_block_of(3), (pgl::Triangle<std::uint32_t>{{3, 3, 3}}));
+  EXPECT_DEATH(from_block_of(2), "triangles");
 }
 
 TEST(Mirrored, IsTheSignOfTheDeterminant) {

@@ -36,11 +36,13 @@ struct Area {
   unsigned heads[4];
 };
 
-template <class Placed, class Vertex>
+/// gather, or gather_block: then the vertices are the selected ones alone, where they go, and there are no meshes and
+/// no counts.
+template <bool from_block, class Placed, class Vertex>
 __global__ void __launch_bounds__(1024)
-    gather_kernel(const Mesh* meshes, const Object* objects, std::uint64_t size, const Vertex* vertices,
-                  [[maybe_unused]] const std::uint32_t* counts, const std::uint64_t* offsets, Placed* out,
-                  [[maybe_unused]] std::uint64_t out_size, detail::TileStart start) {
+    gather_kernel([[maybe_unused]] const Mesh* meshes, const Object* objects, std::uint64_t size,
+                  const Vertex* vertices, [[maybe_unused]] const std::uint32_t* counts, const std::uint64_t* offsets,
+                  Placed* out, [[maybe_unused]] std::uint64_t out_size, detail::TileStart start) {
   constexpr std::uint64_t tile = 32 * rows;
   extern __shared__ uint4 pgl_shared_memory[];
   const unsigned lane = detail::lane_index();
@@ -55,16 +57,26 @@ __global__ void __launch_bounds__(1024)
     const std::uint64_t lo = j == 0 ? 0 : origin;
     const std::uint64_t hi = origin + tile < total ? origin + tile : total;
     if (lo >= hi) continue;
+    [[maybe_unused]] Vertex ahead[from_block ? rows : 1];
+    if constexpr (from_block) {  // nothing has to be known of their objects
+#pragma unroll
+      for (unsigned r = 0; r < rows; ++r) {
+        const std::uint64_t at = origin + (32 * r + lane);
+        if (at - lo < hi - lo) ahead[r] = vertices[at];  // below lo, also below 0, is far above
+      }
+    }
     detail::for_each_group<rows>(
         offsets, size, detail::object_at(offsets, 0, size, lo), origin, lo, hi, area.heads,
         [&](const detail::TilePart& part, unsigned first, unsigned last) {
           if (part.size != 0) {
             detail::prefetch(&objects[part.object].transform[1]);
             detail::prefetch(&objects[part.object].transform[3].z);
-            const Mesh& mesh = meshes[objects[part.object].mesh];
-            PGL_ASSERT(counts[part.object] <= mesh.max_vertices);
-            PGL_ASSERT(offsets[part.object + 1] - part.begin == counts[part.object]);
-            area.from[part.slot] = mesh.first_vertex + (origin - part.begin);
+            if constexpr (!from_block) {
+              const Mesh& mesh = meshes[objects[part.object].mesh];
+              PGL_ASSERT(counts[part.object] <= mesh.max_vertices);
+              PGL_ASSERT(offsets[part.object + 1] - part.begin == counts[part.object]);
+              area.from[part.slot] = mesh.first_vertex + (origin - part.begin);
+            }
             area.object[part.slot] = part.object;
           }
           __syncwarp();
@@ -73,7 +85,11 @@ __global__ void __launch_bounds__(1024)
           Vertex vertex[rows];
 #pragma unroll
           for (unsigned r = 0; r < rows; ++r) {
-            if (in_group(r)) vertex[r] = vertices[area.from[detail::slot_of(area.heads, r)] + (32 * r + lane)];
+            if constexpr (from_block) {
+              if (in_group(r)) vertex[r] = ahead[r];
+            } else {
+              if (in_group(r)) vertex[r] = vertices[area.from[detail::slot_of(area.heads, r)] + (32 * r + lane)];
+            }
           }
 #pragma unroll
           for (unsigned r = 0; r < rows; ++r) {
@@ -99,6 +115,24 @@ __global__ void __launch_bounds__(1024)
   }
 }
 
+template <bool from_block, class Placed, class Vertex>
+[[nodiscard]] cudaError_t gather(const Mesh* meshes, std::span<const Object> objects, const Vertex* vertices,
+                                 const std::uint32_t* counts, std::span<const std::uint64_t> vertex_offsets,
+                                 std::span<Placed> out, Launch launch) {
+  static_assert(std::is_trivially_copyable_v<Vertex> && std::is_default_constructible_v<Vertex>);
+  PGL_ASSERT(vertex_offsets.size() == objects.size() + 1);
+  if (objects.empty() || out.empty()) return cudaSuccess;
+  const detail::TileStart start = detail::tile_start(out.data());
+  const auto kernel = gather_kernel<from_block, Placed, Vertex>;
+  const std::uint64_t tile = 32 * rows;
+  const std::size_t shared_bytes = launch.block_threads / 32 * sizeof(Area<Placed>);
+  std::uint64_t blocks = 0;
+  PGL_CUDA_TRY(
+      detail::tile_blocks(kernel, (out.size() + start.lead + tile - 1) / tile, shared_bytes, waves, launch, blocks));
+  return detail::run(kernel, blocks, shared_bytes, launch, meshes, objects.data(), objects.size(), vertices, counts,
+                     vertex_offsets.data(), out.data(), out.size(), start);
+}
+
 }  // namespace gather_detail
 
 /// Writes the first counts[i] vertices of the mesh of every object i, placed in the world, to
@@ -117,18 +151,19 @@ template <class Placed, class Vertex>
                                  std::span<const Vertex> vertices, std::span<const std::uint32_t> counts,
                                  std::span<const std::uint64_t> vertex_offsets, std::span<Placed> out,
                                  Launch launch = {}) {
-  static_assert(std::is_trivially_copyable_v<Vertex> && std::is_default_constructible_v<Vertex>);
-  PGL_ASSERT(counts.size() == objects.size() && vertex_offsets.size() == objects.size() + 1);
-  if (objects.empty() || out.empty()) return cudaSuccess;
-  const detail::TileStart start = detail::tile_start(out.data());
-  const auto kernel = gather_detail::gather_kernel<Placed, Vertex>;
-  const std::uint64_t tile = 32 * gather_detail::rows;
-  const std::size_t shared_bytes = launch.block_threads / 32 * sizeof(gather_detail::Area<Placed>);
-  std::uint64_t blocks = 0;
-  PGL_CUDA_TRY(detail::tile_blocks(kernel, (out.size() + start.lead + tile - 1) / tile, shared_bytes,
-                                   gather_detail::waves, launch, blocks));
-  return detail::run(kernel, blocks, shared_bytes, launch, meshes.data(), objects.data(), objects.size(),
-                     vertices.data(), counts.data(), vertex_offsets.data(), out.data(), out.size(), start);
+  PGL_ASSERT(counts.size() == objects.size());
+  return gather_detail::gather<false>(meshes.data(), objects, vertices.data(), counts.data(), vertex_offsets, out,
+                                      launch);
+}
+
+/// Like gather, from a block that holds the selected vertices and no others; arguments, preconditions and bytes as
+/// pgl::host::gather_block, the rest as for gather.
+template <class Placed, class Vertex>
+[[nodiscard]] cudaError_t gather_block(std::span<const Object> objects, std::span<const Vertex> block,
+                                       std::span<const std::uint64_t> vertex_offsets, std::span<Placed> out,
+                                       Launch launch = {}) {
+  return gather_detail::gather<true, Placed, Vertex>(nullptr, objects, block.data(), nullptr, vertex_offsets, out,
+                                                     launch);
 }
 
 }  // namespace pgl::cuda

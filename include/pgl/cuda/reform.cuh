@@ -52,6 +52,7 @@ struct Scene {
   const std::uint32_t* counts;
   const std::uint64_t* vertex_offsets;  // null: indices are local
   const std::uint64_t* triangle_offsets;
+  bool block = false;  // triangles are the selected ones alone, at triangle_offsets
 };
 
 /// Objects with chains too long to follow and too many vertices for a table in shared memory.
@@ -154,7 +155,7 @@ __global__ void __launch_bounds__(1024)
       const Mesh& mesh = scene.meshes[object.mesh];
       PGL_ASSERT(mesh.first_vertex + mesh.max_vertices <= scene.ecol_size);
       digests[i] = {.first_vertex = mesh.first_vertex,
-                    .first_triangle = mesh.first_triangle,
+                    .first_triangle = scene.block ? begin : mesh.first_triangle,
                     .vertices = mesh.max_vertices,
                     .count = scene.counts[i],
                     .base = scene.vertex_offsets == nullptr ? 0u : static_cast<std::uint32_t>(scene.vertex_offsets[i]),
@@ -356,8 +357,9 @@ __device__ void by_large_table(const Scene<Index>& scene, std::uint64_t i, Index
   const std::uint64_t size = scene.triangle_offsets[i + 1] - begin;
   const std::uint64_t base = scene.vertex_offsets == nullptr ? 0 : scene.vertex_offsets[i];
   const bool mirror = mirrored(object.transform);
+  const Triangle<Index>* triangles = scene.triangles + (scene.block ? begin : mesh.first_triangle);
   for (std::uint64_t t = thread; t < size; t += threads) {
-    const Triangle<Index>& in = scene.triangles[mesh.first_triangle + t];
+    const Triangle<Index>& in = triangles[t];
     const Triangle<Index> reformed{{table[in.v[0]], table[in.v[1]], table[in.v[2]]}};
     out[begin + t] = drawn_triangle<OutIndex>(reformed, base, mirror);
   }
@@ -512,6 +514,24 @@ template <class Index>
   return reform_detail::reform<reform_detail::Tuning<Index>, std::uint32_t, Index>(
       {meshes.data(), objects.data(), objects.size(), triangles.data(), ecol.data(), ecol.size(), counts.data(),
        vertex_offsets.data(), triangle_offsets.data()},
+      workspace, out, launch);
+}
+
+/// Like reform, from a block that holds the selected triangles and no others, as pgl::host::reform_block; the rest, the
+/// workspace too, as for reform.
+template <class Index>
+[[nodiscard]] cudaError_t reform_block(std::span<const Mesh> meshes, std::span<const Object> objects,
+                                       std::span<const Triangle<Index>> block, std::span<const Index> ecol,
+                                       std::span<const std::uint32_t> counts,
+                                       std::span<const std::uint64_t> vertex_offsets,
+                                       std::span<const std::uint64_t> triangle_offsets,
+                                       ReformWorkspace<Index>& workspace, std::span<Triangle<std::uint32_t>> out,
+                                       Launch launch = {}) {
+  PGL_ASSERT(counts.size() == objects.size() && triangle_offsets.size() == objects.size() + 1);
+  PGL_ASSERT(vertex_offsets.size() == objects.size() + 1);
+  return reform_detail::reform<reform_detail::Tuning<Index>, std::uint32_t, Index>(
+      {meshes.data(), objects.data(), objects.size(), block.data(), ecol.data(), ecol.size(), counts.data(),
+       vertex_offsets.data(), triangle_offsets.data(), true},
       workspace, out, launch);
 }
 

@@ -75,8 +75,11 @@ bool by_following(const Part<Index, OutIndex>& part, std::uint64_t steps) {
   return true;
 }
 
-/// reform and reform_local: no vertex_offsets, local indices.
-template <class OutIndex, class Index>
+/// Where the triangles of an object begin: at those of its mesh, or in a block of the selected ones at its own.
+enum class From { meshes, block };
+
+/// All of reform; without vertex_offsets, local indices.
+template <From from, class OutIndex, class Index>
 void reform(std::span<const Mesh> meshes, std::span<const Object> objects, std::span<const Triangle<Index>> triangles,
             std::span<const Index> ecol, std::span<const std::uint32_t> counts,
             std::span<const std::uint64_t> vertex_offsets, std::span<const std::uint64_t> triangle_offsets,
@@ -86,14 +89,17 @@ void reform(std::span<const Mesh> meshes, std::span<const Object> objects, std::
   const std::uint64_t total = triangle_offsets.back();
 
   const auto size_of = [&](std::size_t i) { return triangle_offsets[i + 1] - triangle_offsets[i]; };
+  const auto first_of = [&](std::size_t i, const Mesh& mesh) {
+    return from == From::meshes ? mesh.first_triangle : triangle_offsets[i];
+  };
   const auto part_of = [&](std::size_t i, std::uint64_t first, std::uint64_t last) {
     const Mesh& mesh = meshes[objects[i].mesh];
     const std::uint64_t base = vertex_offsets.empty() ? 0 : vertex_offsets[i];
     PGL_ASSERT(mesh.first_vertex + mesh.max_vertices <= ecol.size());
-    PGL_ASSERT(mesh.first_triangle + size_of(i) <= triangles.size());
+    PGL_ASSERT(first_of(i, mesh) + size_of(i) <= triangles.size());
     PGL_ASSERT(counts[i] > 0 && counts[i] >= mesh.min_vertices && counts[i] <= mesh.max_vertices);
     PGL_ASSERT(base + counts[i] - 1 <= std::numeric_limits<OutIndex>::max());
-    return Part<Index, OutIndex>{.triangles = triangles.data() + mesh.first_triangle + first,
+    return Part<Index, OutIndex>{.triangles = triangles.data() + first_of(i, mesh) + first,
                                  .ecol = ecol.data() + mesh.first_vertex,
                                  .out = out.data() + triangle_offsets[i] + first,
                                  .size = last - first,
@@ -119,7 +125,7 @@ void reform(std::span<const Mesh> meshes, std::span<const Object> objects, std::
       if (i + 1 < objects.size() && size_of(i + 1) > 0) {
         const Mesh& next = meshes[objects[i + 1].mesh];
         prefetch(ecol.data() + next.first_vertex, counts[i + 1] < next.max_vertices ? next.max_vertices : 0);
-        prefetch(triangles.data() + next.first_triangle, size_of(i + 1));
+        prefetch(triangles.data() + first_of(i + 1, next), size_of(i + 1));
       }
       if (size_of(i) == 0) continue;
       const auto part = part_of(i, 0, size_of(i));
@@ -197,8 +203,23 @@ void reform(std::span<const Mesh> meshes, std::span<const Object> objects, std::
             std::span<const std::uint64_t> vertex_offsets, std::span<const std::uint64_t> triangle_offsets,
             ReformWorkspace<Index>& workspace, std::span<Triangle<std::uint32_t>> out) {
   PGL_ASSERT(vertex_offsets.size() == objects.size() + 1);
-  reform_detail::reform<std::uint32_t, Index>(meshes, objects, triangles, ecol, counts, vertex_offsets,
-                                              triangle_offsets, workspace, out);
+  reform_detail::reform<reform_detail::From::meshes, std::uint32_t, Index>(
+      meshes, objects, triangles, ecol, counts, vertex_offsets, triangle_offsets, workspace, out);
+}
+
+/// Like reform, from a block that holds the selected triangles and no others: triangle t of object i is
+/// block[triangle_offsets[i] + t], with the corners it has in its mesh, as defragment leaves them. The same bytes as
+/// reform of the same selection.
+///
+/// block: at least triangle_offsets[n] triangles; those from there on are not read. ecol is that of all meshes.
+template <class Index>
+void reform_block(std::span<const Mesh> meshes, std::span<const Object> objects, std::span<const Triangle<Index>> block,
+                  std::span<const Index> ecol, std::span<const std::uint32_t> counts,
+                  std::span<const std::uint64_t> vertex_offsets, std::span<const std::uint64_t> triangle_offsets,
+                  ReformWorkspace<Index>& workspace, std::span<Triangle<std::uint32_t>> out) {
+  PGL_ASSERT(vertex_offsets.size() == objects.size() + 1);
+  reform_detail::reform<reform_detail::From::block, std::uint32_t, Index>(
+      meshes, objects, block, ecol, counts, vertex_offsets, triangle_offsets, workspace, out);
 }
 
 /// Like reform, with indices local to the object: each is below counts[i]. For a draw call per object, or one indirect
@@ -208,7 +229,8 @@ void reform_local(std::span<const Mesh> meshes, std::span<const Object> objects,
                   std::span<const Triangle<Index>> triangles, std::span<const Index> ecol,
                   std::span<const std::uint32_t> counts, std::span<const std::uint64_t> triangle_offsets,
                   ReformWorkspace<Index>& workspace, std::span<Triangle<Index>> out) {
-  reform_detail::reform<Index, Index>(meshes, objects, triangles, ecol, counts, {}, triangle_offsets, workspace, out);
+  reform_detail::reform<reform_detail::From::meshes, Index, Index>(meshes, objects, triangles, ecol, counts, {},
+                                                                   triangle_offsets, workspace, out);
 }
 
 /// Writes the triangles of one mesh at `count` vertices, as reform_local does for an object that is not mirrored.
