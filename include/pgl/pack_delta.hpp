@@ -17,6 +17,14 @@ struct DeltaPart {
   friend constexpr bool operator==(const DeltaPart&, const DeltaPart&) = default;
 };
 
+/// How much a frame sends.
+struct DeltaSize {
+  std::uint64_t vertices = 0;
+  std::uint64_t triangles = 0;
+  std::uint64_t bytes = 0;  ///< of both
+  friend constexpr bool operator==(const DeltaSize&, const DeltaSize&) = default;
+};
+
 /// Computes which elements of an object are new: those from its previous count up to its present one; none where it
 /// shrank or stayed. [Peng13] 3.3.
 ///

@@ -11,32 +11,41 @@
 
 namespace pgl::cuda {
 
-/// Device memory that only grows, on the device that is current when it grows. Contents mean nothing after it grew.
-///
-/// Growing allocates, which may wait for the device and is refused while a stream is being captured: run a step once,
-/// or reserve what its docstring names, before you capture it. A call that finds room enough does nothing.
-class Buffer {
+namespace detail {
+
+struct DeviceMemory {
+  static cudaError_t take(void** data, std::size_t bytes) { return cudaMalloc(data, bytes); }
+  static cudaError_t give_back(void* data) { return cudaFree(data); }
+};
+struct PinnedMemory {
+  static cudaError_t take(void** data, std::size_t bytes) { return cudaMallocHost(data, bytes); }
+  static cudaError_t give_back(void* data) { return cudaFreeHost(data); }
+};
+
+template <class Memory>
+class GrowingBuffer {
  public:
-  Buffer() = default;
-  Buffer(Buffer&& other) noexcept : data_(std::exchange(other.data_, nullptr)), size_(std::exchange(other.size_, 0)) {}
-  Buffer& operator=(Buffer&& other) noexcept {
+  GrowingBuffer() = default;
+  GrowingBuffer(GrowingBuffer&& other) noexcept
+      : data_(std::exchange(other.data_, nullptr)), size_(std::exchange(other.size_, 0)) {}
+  GrowingBuffer& operator=(GrowingBuffer&& other) noexcept {
     std::swap(data_, other.data_);
     std::swap(size_, other.size_);
     return *this;
   }
-  ~Buffer() {
-    if (data_ != nullptr) (void)cudaFree(data_);
+  ~GrowingBuffer() {
+    if (data_ != nullptr) (void)Memory::give_back(data_);
   }
 
   /// Makes room for at least `bytes`, by half more than before where it must grow. On an error it is empty.
   [[nodiscard]] cudaError_t reserve(std::size_t bytes) {
     if (bytes <= size_) return cudaSuccess;
     const std::size_t grown = size_ + size_ / 2;
-    if (data_ != nullptr) PGL_CUDA_TRY(cudaFree(data_));
+    if (data_ != nullptr) PGL_CUDA_TRY(Memory::give_back(data_));
     data_ = nullptr;
     size_ = 0;
     const std::size_t wanted = bytes > grown ? bytes : grown;
-    PGL_CUDA_TRY(cudaMalloc(&data_, wanted));
+    PGL_CUDA_TRY(Memory::take(&data_, wanted));
     size_ = wanted;
     return cudaSuccess;
   }
@@ -53,6 +62,18 @@ class Buffer {
   void* data_ = nullptr;
   std::size_t size_ = 0;
 };
+
+}  // namespace detail
+
+/// Device memory that only grows, on the device that is current when it grows. Contents mean nothing after it grew.
+///
+/// Growing allocates, which may wait for the device and is refused while a stream is being captured: run a step once,
+/// or reserve what its docstring names, before you capture it. A call that finds room enough does nothing.
+using Buffer = detail::GrowingBuffer<detail::DeviceMemory>;
+
+/// Page-locked host memory that only grows, from which copies to the device run beside other work. Contents mean
+/// nothing after it grew. Growing may wait for the device.
+using PinnedBuffer = detail::GrowingBuffer<detail::PinnedMemory>;
 
 namespace detail {
 
