@@ -69,15 +69,10 @@ struct BudgetShared {
   BudgetSum before;
 };
 
-/// The frame, n objects; weights is scratch.
-struct BudgetFrame {
-  const float* areas;
-  const float* depths;
-  const std::uint32_t* min_vertices;
-  const std::uint32_t* max_vertices;
+/// n objects in the order of their weights.
+struct WeighedObjects {
   std::uint64_t n;
   float* weights;
-  std::uint32_t* counts;
 
   __device__ std::uint64_t key(std::uint64_t i) const { return weight_key(weights[i], static_cast<std::uint32_t>(i)); }
 
@@ -88,6 +83,15 @@ struct BudgetFrame {
     const std::uint64_t stride = std::uint64_t{gridDim.x} * blockDim.x;
     for (std::uint64_t i = std::uint64_t{blockIdx.x} * blockDim.x + threadIdx.x; i < n; i += stride) body(i);
   }
+};
+
+/// The frame; the weights are scratch.
+struct BudgetFrame : WeighedObjects {
+  const float* areas;
+  const float* depths;
+  const std::uint32_t* min_vertices;
+  const std::uint32_t* max_vertices;
+  std::uint32_t* counts;
 };
 
 struct AddUp {
@@ -158,12 +162,12 @@ __device__ inline void find_bucket(std::uint64_t before, std::uint64_t limit, Bu
   }
 }
 
-/// Finds where the running sum of value(i), heaviest object first, over the keys in [least, most] first exceeds
-/// `limit`, as the host's find_budget_cut: the range of keys is cut into 1024 buckets, then that of the bucket with
-/// the cut, until that holds one object. Twice or three times as a rule, at most seven times. All threads of the grid
-/// call it, and all get the same.
+/// Finds where the running sum of value(i), a 32 or 64-bit integer, heaviest object first, over the keys in [least,
+/// most] first exceeds `limit`, as the host's find_budget_cut: the range of keys is cut into 1024 buckets, then that of
+/// the bucket with the cut, until that holds one object. Twice or three times as a rule, at most seven times. All
+/// threads of the grid call it, and all get the same.
 template <class Value>
-__device__ BudgetCut find_budget_cut(const cooperative_groups::grid_group& grid, const BudgetFrame& frame,
+__device__ BudgetCut find_budget_cut(const cooperative_groups::grid_group& grid, const WeighedObjects& frame,
                                      std::uint64_t least, std::uint64_t most, std::uint64_t limit, CutTables& tables,
                                      BudgetShared& shared, Value&& value) {
   BudgetCut cut;
@@ -178,11 +182,14 @@ __device__ BudgetCut find_budget_cut(const cooperative_groups::grid_group& grid,
     frame.for_own_objects([&](std::uint64_t i) {
       const std::uint64_t key = frame.key(i);
       if (key < least || key > most) return;
-      const std::uint32_t v = value(i);
+      const auto v = value(i);
       if (v == 0) return;  // never at the cut
       const auto b = static_cast<unsigned>((key - least) >> shift);
-      const unsigned low = atomicAdd(&shared.low[b], v);
-      if (low + v < low) atomicAdd(&shared.high[b], 1u);
+      const auto v_low = static_cast<unsigned>(v);
+      const unsigned low = atomicAdd(&shared.low[b], v_low);
+      unsigned above = low + v_low < low ? 1u : 0u;
+      if constexpr (sizeof(v) > sizeof(v_low)) above += static_cast<unsigned>(v >> 32);
+      if (above != 0) atomicAdd(&shared.high[b], above);
       if (sized) atomicAdd(&shared.sizes[b], 1u);
     });
     __syncthreads();
@@ -412,8 +419,8 @@ __global__ void __launch_bounds__(1024)
   detail::Parts parts(workspace.memory.at<void>());
   lay_out_scratch(parts, tables, weights);
   PGL_CUDA_TRY(cudaMemsetAsync(tables, 0, sizeof(*tables), launch.stream));
-  const detail::BudgetFrame frame{areas.data(), depths.data(), min_vertices.data(), max_vertices.data(), n,
-                                  weights,      counts.data()};
+  const detail::BudgetFrame frame{{n, weights},        areas.data(),        depths.data(),
+                                  min_vertices.data(), max_vertices.data(), counts.data()};
   return detail::run_cooperative(detail::distribute_budget_kernel<>, detail::blocks_for(n, launch.block_threads), 0,
                                  launch, frame, options, tables, totals);
 }
