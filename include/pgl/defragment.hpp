@@ -124,11 +124,27 @@ struct Landing {
   friend constexpr bool operator==(const Landing&, const Landing&) = default;
 };
 
-/// Computes where what stays of [begin, end) of the old block goes: from the first possible place of an element at
-/// begin or later to the last possible one of an element before end. Empty or turned round (first >= last) where
-/// nothing stays.
+/// Computes where what stays of [begin, end) of the old block goes, given the objects that hold its first and its last
+/// element: from the first possible place of an element at begin or later to the last possible one of an element before
+/// end. Empty or turned round (first >= last) where nothing stays.
 ///
 /// The elements at begin and end may be of objects that shrank, and not stay themselves.
+/// Preconditions: begin < end <= the total of the old block; first_object = object_at(previous_offsets, n, begin) and
+/// last_object = object_at(previous_offsets, n, end - 1).
+PGL_HD constexpr Landing landing_between(const std::uint64_t* previous_offsets, const std::uint64_t* offsets,
+                                         std::size_t first_object, std::size_t last_object, std::uint64_t begin,
+                                         std::uint64_t end) {
+  PGL_ASSERT(begin < end);
+  const KeptPart head = kept_part(previous_offsets, offsets, first_object);
+  const KeptPart tail = kept_part(previous_offsets, offsets, last_object);
+  PGL_ASSERT(head.from <= begin && tail.from < end);
+  const std::uint64_t skipped = begin - head.from;
+  const std::uint64_t reached = end - tail.from;
+  return {head.to + (skipped < head.size ? skipped : head.size), tail.to + (reached < tail.size ? reached : tail.size)};
+}
+
+/// Computes where what stays of [begin, end) of the old block goes, as landing_between does; what of it is past the end
+/// of the old block counts for nothing.
 /// Precondition: begin < end. O(log n) for n objects.
 PGL_HD constexpr Landing landing(const std::uint64_t* previous_offsets, const std::uint64_t* offsets, std::size_t n,
                                  std::uint64_t begin, std::uint64_t end) {
@@ -136,13 +152,8 @@ PGL_HD constexpr Landing landing(const std::uint64_t* previous_offsets, const st
   const std::uint64_t total = previous_offsets[n];
   if (begin >= total) return {offsets[n], offsets[n]};
   if (end > total) end = total;
-  const std::size_t i = object_at(previous_offsets, n, begin);
-  const std::size_t j = object_at(previous_offsets, n, end - 1);
-  const KeptPart head = kept_part(previous_offsets, offsets, i);
-  const KeptPart tail = kept_part(previous_offsets, offsets, j);
-  const std::uint64_t skipped = begin - head.from;
-  const std::uint64_t reached = end - tail.from;
-  return {head.to + (skipped < head.size ? skipped : head.size), tail.to + (reached < tail.size ? reached : tail.size)};
+  return landing_between(previous_offsets, offsets, object_at(previous_offsets, n, begin),
+                         object_at(previous_offsets, n, end - 1), begin, end);
 }
 
 /// Tickets [first, last), none where first >= last.
@@ -152,23 +163,31 @@ struct TicketRange {
   friend constexpr bool operator==(const TicketRange&, const TicketRange&) = default;
 };
 
-/// Computes the tickets that must have been read before this one may write: the moves in its direction that read where
-/// its tile is, and perhaps some between them. All are lower than the ticket itself.
+/// Computes the tickets that must have been read before this one may write, given where what stays of the old block
+/// goes that is where the ticket's tile of the new one is: the moves in its direction that read there, and perhaps some
+/// between them. All are lower than the ticket itself, and of its own direction.
+/// Preconditions: tile_size > 0; ticket < 2 * tiles.
+PGL_HD constexpr TicketRange tickets_that_land(const Landing& to, std::uint64_t tile_size, std::uint64_t tiles,
+                                               std::uint64_t ticket) {
+  if (to.first >= to.last) return {};
+  const TileMove move = tile_move(ticket, tiles);
+  const std::uint64_t first = to.first / tile_size;
+  const std::uint64_t last = (to.last - 1) / tile_size;
+  if (move.shift == Shift::left) return {first, last < move.tile ? last + 1 : move.tile};
+  return {2 * tiles - 1 - last, 2 * tiles - 1 - (first > move.tile ? first - 1 : move.tile)};
+}
+
+/// Computes the tickets that must have been read before this one may write: tickets_that_land where its tile is.
 ///
 /// previous_offsets, offsets: n + 1 entries each. All ranges together have at most two tickets for each tile.
 /// Preconditions: tile_size > 0; ticket < 2 * tile_count(offsets[n], tile_size). O(log n).
 PGL_HD constexpr TicketRange tickets_before_write(const std::uint64_t* previous_offsets, const std::uint64_t* offsets,
                                                   std::size_t n, std::uint64_t tile_size, std::uint64_t ticket) {
   const std::uint64_t tiles = tile_count(offsets[n], tile_size);
-  const TileMove move = tile_move(ticket, tiles);
-  const std::uint64_t begin = move.tile * tile_size;
+  const std::uint64_t begin = tile_move(ticket, tiles).tile * tile_size;
   const std::uint64_t left = offsets[n] - begin;
-  const Landing to = landing(previous_offsets, offsets, n, begin, begin + (left < tile_size ? left : tile_size));
-  if (to.first >= to.last) return {};
-  const std::uint64_t first = to.first / tile_size;
-  const std::uint64_t last = (to.last - 1) / tile_size;
-  if (move.shift == Shift::left) return {first, last < move.tile ? last + 1 : move.tile};
-  return {2 * tiles - 1 - last, 2 * tiles - 1 - (first > move.tile ? first - 1 : move.tile)};
+  const std::uint64_t size = left < tile_size ? left : tile_size;
+  return tickets_that_land(landing(previous_offsets, offsets, n, begin, begin + size), tile_size, tiles, ticket);
 }
 
 }  // namespace pgl

@@ -22,8 +22,9 @@ struct ScanWorkspace {
 
 namespace detail {
 
-/// Reads n integers as 64-bit ones, and behind them zeros, so that the scan of n + 1 values ends with the total.
-template <class T>
+/// Reads n integers as 64-bit ones, and behind them zeros, so that the scan of n + 1 values ends with the total. Values
+/// is a pointer, or anything else that computes values[i] on the device.
+template <class Values>
 struct ZeroEnded {
   using iterator_category = std::random_access_iterator_tag;
   using value_type = std::uint64_t;
@@ -31,7 +32,7 @@ struct ZeroEnded {
   using pointer = const std::uint64_t*;
   using reference = std::uint64_t;
 
-  const T* values;
+  Values values;
   difference_type size;
   difference_type place = 0;
 
@@ -51,6 +52,21 @@ struct ZeroEnded {
   PGL_HD bool operator<(const ZeroEnded& other) const { return place < other.place; }
 };
 
+/// Writes the n + 1 exclusive prefix sums of values[0 .. n).
+template <class Values>
+[[nodiscard]] cudaError_t exclusive_sum(Values values, std::uint64_t n, std::uint64_t* offsets,
+                                        ScanWorkspace& workspace, Launch launch) {
+  const ZeroEnded<Values> in{values, static_cast<std::ptrdiff_t>(n)};
+  const auto scan = [&](void* memory, std::size_t& bytes) {
+    return cub::DeviceScan::ExclusiveScan(memory, bytes, in, offsets, ::cuda::std::plus<>{}, std::uint64_t{0},
+                                          static_cast<std::int64_t>(n + 1), launch.stream);
+  };
+  std::size_t bytes = 0;
+  PGL_CUDA_TRY(scan(nullptr, bytes));
+  PGL_CUDA_TRY(workspace.memory.reserve(bytes));
+  return scan(workspace.memory.at<void>(), bytes);
+}
+
 }  // namespace detail
 
 /// Writes the exclusive prefix sums of n unsigned integers, as pgl::host::exclusive_sum does; offsets[n] is the total.
@@ -63,16 +79,7 @@ template <class T>
 [[nodiscard]] cudaError_t exclusive_sum(std::span<const T> values, std::span<std::uint64_t> offsets,
                                         ScanWorkspace& workspace, Launch launch = {}) {
   PGL_ASSERT(offsets.size() == values.size() + 1);
-  const detail::ZeroEnded<T> in{values.data(), static_cast<std::ptrdiff_t>(values.size())};
-  const auto n = static_cast<std::int64_t>(offsets.size());
-  const auto scan = [&](void* memory, std::size_t& bytes) {
-    return cub::DeviceScan::ExclusiveScan(memory, bytes, in, offsets.data(), ::cuda::std::plus<>{}, std::uint64_t{0}, n,
-                                          launch.stream);
-  };
-  std::size_t bytes = 0;
-  PGL_CUDA_TRY(scan(nullptr, bytes));
-  PGL_CUDA_TRY(workspace.memory.reserve(bytes));
-  return scan(workspace.memory.at<void>(), bytes);
+  return detail::exclusive_sum(values.data(), values.size(), offsets.data(), workspace, launch);
 }
 
 }  // namespace pgl::cuda
