@@ -11,6 +11,7 @@
 #include "pgl/distribute_budget.hpp"
 #include "pgl/gather.hpp"
 #include "pgl/ieee.hpp"
+#include "pgl/limit_transfer.hpp"
 #include "pgl/oriented_box.hpp"
 #include "pgl/project.hpp"
 #include "pgl/rasterize_depth.hpp"
@@ -48,6 +49,17 @@ __global__ void object_kernel(const pgl::Object* objects, const pgl::Box* boxes,
   shares[i] = pgl::share_weight(weights[i], weights[0], options.alpha);
   shares[i] = pgl::level_vertices(pgl::budget_level(i % pgl::budget_levels), shares[i], 4, 400);
   shares[i] += pgl::mirrored(objects[i].transform) ? 1u : 0u;
+}
+
+__global__ void transfer_kernel(const pgl::Mesh* meshes, const std::uint32_t* map, const std::uint32_t* wanted,
+                                const std::uint32_t* previous, pgl::TransferOptions options, pgl::TransferPlan plan,
+                                std::uint64_t* bytes, std::uint32_t* counts) {
+  const unsigned i = blockIdx.x * blockDim.x + threadIdx.x;
+  const pgl::GrowthCost cost = pgl::growth_cost(meshes[i], map, 4, wanted[i], previous[i], options);
+  bytes[i] = cost.first + cost.rest + pgl::largest_step(meshes[i], map, 4, options);
+  const std::uint64_t key = pgl::weight_key(1.0f, i);
+  counts[i] = pgl::limited_vertices(plan, key, meshes[i], map, 4, wanted[i], previous[i], options);
+  counts[i] += pgl::is_drawn(plan, key, previous[i]) && pgl::is_valid(options) ? 1u : 0u;
 }
 
 __global__ void occluder_kernel(const pgl::Object* objects, const pgl::OrientedBox* boxes, pgl::View view,

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 // Runs every rule over fixed inputs and prints one hash of all result bits per rule. The same source is built with
 // ordinary and with hostile flags and compilers (see CMakeLists.txt beside it); the outputs must be the same.
+#include <algorithm>
 #include <array>
 #include <bit>
 #include <cinttypes>
@@ -14,9 +15,12 @@
 #include "pgl/host/build_hzm.hpp"
 #include "pgl/host/cull_frustum.hpp"
 #include "pgl/host/cull_occluded.hpp"
+#include "pgl/host/defragment.hpp"
 #include "pgl/host/distribute_budget.hpp"
 #include "pgl/host/gather.hpp"
+#include "pgl/host/limit_transfer.hpp"
 #include "pgl/host/oriented_box.hpp"
+#include "pgl/host/pack_delta.hpp"
 #include "pgl/host/project.hpp"
 #include "pgl/host/rasterize_depth.hpp"
 #include "pgl/host/rearrange.hpp"
@@ -510,6 +514,72 @@ void reform_and_gather(Hash& hash) {
   hash(vertices);
 }
 
+/// Brings the block of a selection up to the next one, in place, and as a copy.
+template <class T, class Pack>
+void update_block(Hash& hash, const std::vector<std::uint64_t>& before, const std::vector<std::uint64_t>& now,
+                  std::vector<T>& block, Pack&& pack) {
+  std::vector<std::uint64_t> delta_offsets(now.size());
+  std::vector<T> additional(pgl::host::lay_out_delta(before, now, delta_offsets)), copied(now.back());
+  pack(delta_offsets, additional);
+  pgl::host::defragment<T>(before, now, delta_offsets, block, additional, copied);
+  block.resize(std::max(before.back(), now.back()));
+  pgl::host::DefragmentWorkspace workspace;
+  pgl::host::defragment_in_place<T>(before, now, delta_offsets, additional, workspace, block);
+  block.resize(now.back());
+  hash(delta_offsets);
+  hash(additional);
+  hash(copied);
+  hash(block);
+}
+
+/// limit_transfer, pack_delta and defragment, over frames that each begin with what the last one drew.
+void stream(Hash& hash) {
+  Random random(12);
+  const Scene scene = a_scene(random, 2000);
+  const std::size_t n = scene.objects.size();
+  std::vector<std::uint32_t> least(n), most(n), wanted(n), counts(n), triangle_counts(n);
+  std::vector<float> areas(n), depths(n);
+  pgl::host::vertex_limits(scene.mesh_of_object, scene.meshes, scene.map, 4, least, most);
+  std::vector<std::uint64_t> vertices_before(n + 1), triangles_before(n + 1), vertices_now(n + 1), triangles_now(n + 1);
+  std::vector<glm::vec3> vertices, placed;
+  std::vector<pgl::Triangle<std::uint32_t>> triangles;
+  pgl::host::TransferWorkspace workspace;
+  for (const std::uint32_t min_triangles : {0u, 4u, 31u, 400u})
+    hash(pgl::host::least_cap(scene.meshes, scene.map, min_triangles, {}));
+  for (std::uint32_t frame = 0; frame < 24; ++frame) {
+    if (frame % 6 == 0)  // the camera jumps
+      for (std::size_t i = 0; i < n; ++i) {
+        areas[i] = ieee::mul(random.number<float>(), 4096.0f);
+        depths[i] = ieee::mul(random.number<float>(), 100.0f);
+        wanted[i] = random.below(3) == 0 ? 0 : least[i] + random.below(most[i] - least[i] + 1);
+      }
+    const pgl::TransferOptions options{.cap = 700000u * (frame % 7), .vertex_bytes = 12, .triangle_bytes = 6};
+    const pgl::TransferTotals totals =
+        pgl::host::limit_transfer(areas, depths, least, most, {.budget = 1u << 20, .pet = 0}, wanted, counts,
+                                  scene.mesh_of_object, scene.meshes, scene.map, options, workspace, counts);
+    for (const std::uint64_t total : {totals.bytes, totals.missing_bytes, totals.waiting}) hash(total);
+    hash(counts);
+    pgl::host::lay_out(counts, scene.mesh_of_object, scene.meshes, scene.map, triangle_counts, vertices_now,
+                       triangles_now);
+    const std::span<const glm::vec3> all_vertices = scene.vertices;
+    const std::span<const pgl::Triangle<std::uint32_t>> all_triangles = scene.triangles;
+    update_block(hash, vertices_before, vertices_now, vertices, [&](const auto& delta_offsets, auto& out) {
+      pgl::host::pack_delta<glm::vec3>(scene.meshes, scene.objects, &pgl::Mesh::first_vertex, all_vertices,
+                                       vertices_before, vertices_now, delta_offsets, out);
+    });
+    update_block(hash, vertices_before, vertices_now, placed, [&](const auto& delta_offsets, auto& out) {
+      pgl::host::pack_placed_delta(scene.meshes, scene.objects, all_vertices, vertices_before, vertices_now,
+                                   delta_offsets, std::span(out));
+    });
+    update_block(hash, triangles_before, triangles_now, triangles, [&](const auto& delta_offsets, auto& out) {
+      pgl::host::pack_delta(scene.meshes, scene.objects, &pgl::Mesh::first_triangle, all_triangles, triangles_before,
+                            triangles_now, delta_offsets, std::span(out));
+    });
+    vertices_before = vertices_now;
+    triangles_before = triangles_now;
+  }
+}
+
 void print(const char* name, void (*rule)(Hash&)) {
   Hash hash;
   rule(hash);
@@ -532,4 +602,5 @@ int main() {
   print("build_ecol double", build_ecol<double>);
   print("rearrange", rearrange);
   print("reform and gather", reform_and_gather);
+  print("stream", stream);
 }
