@@ -60,8 +60,9 @@ struct Area {
   unsigned heads[rows];
   unsigned before[rows];  ///< heads in earlier words
 
-  /// Counts the heads, a whole warp together. Heads must be complete; until a __syncwarp nothing may be asked.
-  __device__ void count_heads() {
+  /// To be called by the whole warp when each lane has entered its runs; then all of them may be asked for.
+  __device__ void complete() {
+    __syncwarp();
     const unsigned lane = detail::lane_index();
     const auto own = static_cast<unsigned>(lane < rows ? __popc(heads[lane]) : 0);
     unsigned sum = own;
@@ -70,6 +71,7 @@ struct Area {
       if (lane >= step) sum += other;
     }
     if (lane < rows) before[lane] = sum - own;
+    __syncwarp();
   }
 
   /// The run that a position is in.
@@ -154,9 +156,7 @@ __global__ void __launch_bounds__(1024)
           };
           note(existing, stays);
           note(additional, comes);
-          __syncwarp();
-          area.count_heads();
-          __syncwarp();
+          area.complete();
 
           const unsigned begin_word = first * C::words, end_word = last * C::words;
           const unsigned end_row = (end_word + C::row_words - 1) / C::row_words;
@@ -327,8 +327,7 @@ __global__ void __launch_bounds__(1024) move_kernel(const std::uint64_t* previou
                 area.run[object.slot] = (part.from - (part.to - origin)) * C::words;
                 area.until[object.slot] = here ? static_cast<std::uint32_t>(part.to + part.size - origin) : 0u;
               }
-              area.count_heads();
-              __syncwarp();
+              area.complete();
 #pragma unroll
               for (unsigned r = 0; r < rows; ++r) {
 #pragma unroll
@@ -398,8 +397,7 @@ __global__ void __launch_bounds__(1024)
             PGL_ASSERT(delta_offsets[object.object + 1] - delta_offsets[object.object] == part.size);
             area.run[object.slot] = (offsets[object.object] + part.first + (origin - object.begin)) * C::words;
           }
-          area.count_heads();
-          __syncwarp();
+          area.complete();
           for (unsigned word = first * C::words + detail::lane_index(); word < last * C::words; word += 32) {
             block_words[area.run[area.run_of(word / C::words)] + word] = __ldg(from + word);
           }
