@@ -356,13 +356,56 @@ std::uint64_t check_glb(std::string_view bytes) {
   return check_gltf_json(bytes.substr(header + chunk_header, text), binary);
 }
 
+// ---- VRML -----------------------------------------------------------------------------------------------------------
+
+void check_vrml(std::string_view bytes) {
+  if (bytes.substr(0, 2) == "\x1f\x8b") fail("is compressed; unpack it with gunzip first");
+  if (bytes.substr(0, 10) == "#VRML V1.0") fail("is VRML 1.0; only VRML 2.0 is read");
+  if (bytes.substr(0, 15) != "#VRML V2.0 utf8") fail("malformed: not a VRML 2.0 file");
+  std::string open;  // brackets
+  for (std::size_t at = 0; at < bytes.size();) {
+    const char c = bytes[at];
+    if (c == '#') {
+      at = std::min(bytes.find_first_of("\n\r", at), bytes.size());
+    } else if (c == '"') {
+      for (++at; at < bytes.size() && bytes[at] != '"'; ++at)
+        if (bytes[at] == '\\') ++at;
+      if (at >= bytes.size()) fail("truncated: a VRML string has no end");
+      ++at;
+    } else if (c == '{' || c == '[') {
+      open.push_back(c);
+      ++at;
+    } else if (c == '}' || c == ']') {
+      if (open.empty() || open.back() != (c == '}' ? '{' : '[')) fail("malformed: VRML brackets do not match");
+      open.pop_back();
+      ++at;
+    } else if (std::isalpha(static_cast<unsigned char>(c)) || c == '_') {
+      const auto inside = [](char x) {
+        return std::isalnum(static_cast<unsigned char>(x)) || x == '_' || x == '-' || x == '+';
+      };
+      const std::size_t first = at;
+      while (at < bytes.size() && inside(bytes[at])) ++at;
+      const std::string_view word = bytes.substr(first, at - first);
+      for (const std::string_view other : {"Inline", "WWWInline", "File", "EXTERNPROTO"})
+        if (word == other) fail("needs other files (" + std::string(word) + "), which is not supported");
+    } else {
+      ++at;
+    }
+  }
+  if (!open.empty()) fail("truncated: VRML brackets are not closed");
+}
+
 }  // namespace
 
 bool has_known_extension(const std::filesystem::path& file) {
   const std::string extension = extension_of(file);
-  for (const char* known : {".obj", ".ply", ".stl", ".gltf", ".glb"})
+  for (const char* known : {".obj", ".ply", ".stl", ".gltf", ".glb", ".wrl"})
     if (extension == known) return true;
   return false;
+}
+
+bool is_vrml(const std::filesystem::path& file) {
+  return extension_of(file) == ".wrl";
 }
 
 std::uint64_t check_file(const std::filesystem::path& file) {
@@ -372,6 +415,7 @@ std::uint64_t check_file(const std::filesystem::path& file) {
   if (extension == ".gltf") return check_gltf_json(mapped.bytes(), 0);
   if (extension == ".ply") check_ply(mapped.bytes());
   if (extension == ".stl") check_stl(mapped.bytes());
+  if (extension == ".wrl") check_vrml(mapped.bytes());
   return 0;
 }
 

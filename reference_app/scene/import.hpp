@@ -35,13 +35,14 @@ struct ImportReport {
   std::vector<std::string> warnings;  ///< one line each, naming the file
 };
 
-/// Reads an OBJ, PLY, STL, glTF or GLB file.
+/// Reads an OBJ, PLY, STL, glTF, GLB or, where the program was built with Coin, VRML 2.0 file.
 ///
-/// An object is a glTF node with a mesh, an OBJ object or group with faces, a solid of an STL file, or a whole PLY
-/// file; materials do not split objects. Objects keep the file's order (depth first). Objects that refer to the same
-/// mesh, or to meshes that are equal element by element, share one; meshes are ordered by their first object.
-/// Transforms are composed in double and rounded once; mirrored ones (negative determinant) are kept as they are.
-/// Points and lines are dropped, polygons cut into triangles, normals, colours, textures, skins and animations ignored.
+/// An object is a glTF node with a mesh, an OBJ object or group with faces, a solid of an STL file, a whole PLY file,
+/// or what shapes of one material a VRML grouping node holds; other materials do not split objects. Objects keep the
+/// file's order (depth first). Objects that refer to the same mesh, or to meshes that are equal element by element,
+/// share one; meshes are ordered by their first object. Transforms are composed in double (VRML: float) and rounded
+/// once; mirrored ones (negative determinant) are kept as they are. Points and lines are dropped, polygons cut into
+/// triangles, normals, colours, textures, skins and animations ignored.
 ///
 /// Then, in this order: `weld` merges vertices at identical positions, per mesh. Objects with non-finite geometry are
 /// dropped with one line in report->warnings, or the file refused. `split` splits each mesh once and gives every object

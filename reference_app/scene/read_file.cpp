@@ -4,6 +4,7 @@
 #include <assimp/postprocess.h>
 #include <assimp/scene.h>
 #include <fcntl.h>
+#include <poll.h>
 #include <sys/resource.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -23,6 +24,7 @@
 
 #include "scene/check_file.hpp"
 #include "scene/error.hpp"
+#include "scene/read_vrml.hpp"
 
 namespace pgl::scene {
 namespace {
@@ -43,8 +45,10 @@ void send(std::FILE* out, const Record& record) {
   send(out, &record, sizeof record);
 }
 
-bool receive(std::FILE* in, void* data, std::size_t bytes) {
-  return bytes == 0 || std::fread(data, 1, bytes, in) == bytes;
+void send(std::FILE* out, const MeshData& mesh) {
+  send(out, Record{Tag::mesh, mesh.positions.size(), mesh.triangles.size()});
+  send(out, mesh.positions.data(), mesh.positions.size() * sizeof mesh.positions[0]);
+  send(out, mesh.triangles.data(), mesh.triangles.size() * sizeof mesh.triangles[0]);
 }
 
 // ---- the child ------------------------------------------------------------------------------------------------------
@@ -156,9 +160,7 @@ void parse_and_send(const std::filesystem::path& file, std::FILE* out) {
       const MeshData mesh = merge(*scene, parts, points_and_lines);
       if (!mesh.triangles.empty()) {
         entry->second = mesh_count++;
-        send(out, Record{Tag::mesh, mesh.positions.size(), mesh.triangles.size()});
-        send(out, mesh.positions.data(), mesh.positions.size() * sizeof mesh.positions[0]);
-        send(out, mesh.triangles.data(), mesh.triangles.size() * sizeof mesh.triangles[0]);
+        send(out, mesh);
       }
     }
     if (entry->second == no_mesh) continue;
@@ -167,6 +169,18 @@ void parse_and_send(const std::filesystem::path& file, std::FILE* out) {
     send(out, node.mName.data, node.mName.length);
   }
   send(out, Record{Tag::points_and_lines, points_and_lines});
+}
+
+void parse_vrml_and_send(const std::filesystem::path& file, std::FILE* out) {
+  check_file(file);
+  const FileContent content = read_vrml(file);
+  for (const MeshData& mesh : content.meshes) send(out, mesh);
+  for (const FileObject& object : content.objects) {
+    send(out, Record{Tag::object, object.mesh, object.name.size()});
+    send(out, object.transform, sizeof object.transform);
+    send(out, object.name.data(), object.name.size());
+  }
+  send(out, Record{Tag::points_and_lines, content.points_and_lines});
 }
 
 /// Bounds what the child may use, by the size of the file: generous for any real model, harmless for the machine.
@@ -198,7 +212,7 @@ void limit_resources(std::uint64_t file_bytes) {
   if (!out) _exit(1);
   std::string problem;
   try {
-    parse_and_send(file, out);
+    is_vrml(file) ? parse_vrml_and_send(file, out) : parse_and_send(file, out);
   } catch (const std::bad_alloc&) {
     problem = "needs too much memory for a file of its size";
   } catch (const std::exception& error) {
@@ -224,7 +238,9 @@ void limit_resources(std::uint64_t file_bytes) {
 /// Ends the child when the parent is done with it, one way or another.
 struct Child {
   pid_t pid = -1;
-  std::FILE* in = nullptr;
+  int in = -1;
+  std::vector<unsigned char> buffer = std::vector<unsigned char>(1 << 16);
+  std::size_t used = 0, filled = 0;  ///< of the buffer
 
   /// Waits; the signal that ended the child, or 0.
   int wait() {
@@ -234,8 +250,34 @@ struct Child {
     pid = -1;
     return WIFSIGNALED(status) ? WTERMSIG(status) : 0;
   }
+
+  /// False when the child has ended before. Calls `waiting` several times a second until the bytes are there.
+  template <class Waiting>
+  bool receive(void* data, std::size_t bytes, const Waiting& waiting) {
+    for (auto* to = static_cast<unsigned char*>(data); bytes != 0;) {
+      if (used == filled) {
+        pollfd ready{in, POLLIN, 0};
+        if (poll(&ready, 1, 100) <= 0) {  // nothing yet, or a signal
+          waiting();
+          continue;
+        }
+        const ssize_t got = ::read(in, buffer.data(), buffer.size());
+        if (got < 0 && errno == EINTR) continue;
+        if (got <= 0) return false;
+        used = 0;
+        filled = static_cast<std::size_t>(got);
+      }
+      const std::size_t part = std::min(bytes, filled - used);
+      std::memcpy(to, &buffer[used], part);
+      to += part;
+      used += part;
+      bytes -= part;
+    }
+    return true;
+  }
+
   ~Child() {
-    if (in) std::fclose(in);
+    if (in >= 0) close(in);
     if (pid > 0) {
       kill(pid, SIGKILL);
       wait();
@@ -259,7 +301,7 @@ FileContent read_file(const std::filesystem::path& file, const Progress& progres
   const std::uint64_t bytes = std::filesystem::file_size(file, problem);
   if (problem) throw Error(file, problem.message());
   if (bytes == 0) throw Error(file, "is empty");
-  if (!has_known_extension(file)) throw Error(file, "unknown format (expected .obj, .ply, .stl, .gltf or .glb)");
+  if (!has_known_extension(file)) throw Error(file, "unknown format (expected .obj, .ply, .stl, .gltf, .glb or .wrl)");
 
   int ends[2];
   if (pipe2(ends, O_CLOEXEC) != 0) throw Error(file, std::string("cannot start reading: ") + std::strerror(errno));
@@ -270,29 +312,36 @@ FileContent read_file(const std::filesystem::path& file, const Progress& progres
     child(file, bytes, ends[1]);
   }
   close(ends[1]);
-  reader.in = fdopen(ends[0], "rb");
-  if (reader.pid < 0 || !reader.in) throw Error(file, std::string("cannot start reading: ") + std::strerror(errno));
+  reader.in = ends[0];
+  if (reader.pid < 0) throw Error(file, std::string("cannot start reading: ") + std::strerror(errno));
 
   FileContent content;
+  std::uint64_t step = 0, steps = 1;
+  const auto tell = [&] {
+    if (progress) progress("read", step, steps);
+  };
+  const auto receive = [&](void* data, std::size_t size) { return reader.receive(data, size, tell); };
   try {
-    for (Record record; receive(reader.in, &record, sizeof record);) {
+    for (Record record; receive(&record, sizeof record);) {
       switch (record.tag) {
         case Tag::progress:
-          if (progress) progress("read", record.a, record.b);
+          step = record.a;
+          steps = record.b;
+          tell();
           break;
         case Tag::mesh: {
           MeshData mesh;
           mesh.positions.resize(record.a);
           mesh.triangles.resize(record.b);
-          if (!receive(reader.in, mesh.positions.data(), record.a * sizeof mesh.positions[0])) break;
-          if (!receive(reader.in, mesh.triangles.data(), record.b * sizeof mesh.triangles[0])) break;
+          if (!receive(mesh.positions.data(), record.a * sizeof mesh.positions[0])) break;
+          if (!receive(mesh.triangles.data(), record.b * sizeof mesh.triangles[0])) break;
           content.meshes.push_back(std::move(mesh));
           break;
         }
         case Tag::object: {
           FileObject object{static_cast<std::uint32_t>(record.a), {}, std::string(record.b, '\0')};
-          if (!receive(reader.in, object.transform, sizeof object.transform)) break;
-          if (!receive(reader.in, object.name.data(), object.name.size())) break;
+          if (!receive(object.transform, sizeof object.transform)) break;
+          if (!receive(object.name.data(), object.name.size())) break;
           content.objects.push_back(std::move(object));
           break;
         }
@@ -301,7 +350,7 @@ FileContent read_file(const std::filesystem::path& file, const Progress& progres
           break;
         case Tag::error: {
           std::string text(record.a, '\0');
-          if (!receive(reader.in, text.data(), text.size())) break;
+          if (!receive(text.data(), text.size())) break;
           throw Error(file, text);
         }
         case Tag::end:

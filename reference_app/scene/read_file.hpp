@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// The reader behind import_scene: assimp, kept in a child process.
+// The reader behind import_scene: assimp, and Coin for VRML, kept in a child process.
 #pragma once
 
 #include <cstdint>
