@@ -1,0 +1,32 @@
+// SPDX-License-Identifier: MIT
+// What the command line of pgl_preprocess asks for.
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "pgl/build_ecol.hpp"
+#include "scene/import.hpp"
+#include "scene/plant.hpp"
+
+namespace pgl::preprocess {
+
+enum class Task { build, verify, info };
+
+struct Options {
+  Task task = Task::build;
+  std::string file;                 ///< to be made, or to be looked at
+  std::vector<std::string> inputs;  ///< as typed: files, folders, @lists; none: the procedural plant
+  scene::PlantOptions plant{.objects = 2000};
+  scene::ImportOptions import;
+  EcolOptions ecol;
+  bool warehouse = false;
+  int threads = 0;  ///< 0: all
+};
+
+/// Reads the command line. Prints help or version and returns nothing when they were asked for.
+/// Throws std::runtime_error with one line that names the option.
+std::optional<Options> parse_options(int argc, const char* const* argv);
+
+}  // namespace pgl::preprocess
