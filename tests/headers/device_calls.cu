@@ -7,12 +7,14 @@
 #include "pgl/build_hzm.hpp"
 #include "pgl/cull_frustum.hpp"
 #include "pgl/cull_occluded.hpp"
+#include "pgl/defragment.hpp"
 #include "pgl/depth.hpp"
 #include "pgl/distribute_budget.hpp"
 #include "pgl/gather.hpp"
 #include "pgl/ieee.hpp"
 #include "pgl/limit_transfer.hpp"
 #include "pgl/oriented_box.hpp"
+#include "pgl/pack_delta.hpp"
 #include "pgl/project.hpp"
 #include "pgl/rasterize_depth.hpp"
 #include "pgl/rearrange.hpp"
@@ -94,6 +96,15 @@ __global__ void occlusion_kernel(const pgl::Box* boxes, const glm::vec3* points,
   const pgl::HzmLevel level = pgl::hzm_level(size, 1);
   texels[level.offset + i] = pgl::texel_above(texels, size.width, size.height, i % level.width, i / level.width);
   hidden[i] = pgl::is_hidden(boxes[i], view, pgl::hzm_of(size, texels), 1) ? 1 : 0;
+}
+
+__global__ void delta_kernel(const std::uint64_t* previous_offsets, const std::uint64_t* offsets, std::uint64_t n,
+                             pgl::KeptPart* parts, pgl::TicketRange* waits) {
+  const unsigned i = blockIdx.x * blockDim.x + threadIdx.x;
+  const pgl::KeptPart kept = pgl::kept_part(previous_offsets, offsets, i);
+  parts[i] = pgl::part_within(kept, kept.to, kept.to + pgl::delta_part(previous_offsets, offsets, i).size);
+  parts[i].size += pgl::moves(kept, pgl::Shift::right) ? 1 : 0;
+  waits[i] = pgl::tickets_before_write(previous_offsets, offsets, n, 100, i);
 }
 
 __global__ void vertex_kernel(const pgl::Object* objects, const glm::vec3* vertices, const std::uint32_t* ecol,
