@@ -70,13 +70,14 @@ class ModelFileWriter {
 ///
 /// The constructor reads the first page. Everything else is checked when its part of the file is first asked for, page
 /// by page against the checksums, then for what it says: after view() and require() nothing that is within their reach
-/// leads out of the arrays, whatever is in the file, by damage or by intent (the checksums are no signature). Parts that
-/// have been checked are not checked again. The file may be replaced meanwhile, which leaves this one as it was, but must
-/// not be written in place. If it shrinks, or the disk fails, what is gone reads as zeros, and the next call throws.
+/// leads out of the arrays, whatever is in the file, by damage or by intent (the checksums are no signature). Parts
+/// that have been checked are not checked again. The file may be replaced meanwhile, which leaves this one as it was,
+/// but must not be written in place. If it shrinks, or the disk fails, what is gone reads as zeros, and the next call
+/// throws.
 ///
 /// Errors are thrown as Error, one line that names the file and the section. Any function may run on any number of
-/// threads at the same time. (To that end the first ModelFile of a process installs a handler of SIGBUS, which passes on
-/// what is not about a model file.)
+/// threads at the same time. (To that end the first ModelFile of a process installs a handler of SIGBUS, which passes
+/// on what is not about a model file.)
 class ModelFile {
  public:
   /// Opens the file: its first page only, in microseconds whatever its size. Throws Error where it is no model file, of
