@@ -164,6 +164,7 @@ TEST(DefragmentTwin, SameBytesForRandomWalks) {
 TEST(DefragmentTwin, SameBytesAroundTheEdgesOfWarpsAndTiles) {
   PGL_NEEDS_DEVICE();
   std::mt19937 random(1);
+  std::size_t run = 0;
   for (const std::uint32_t size :
        {1u, 31u, 32u, 33u, 159u, 160u, 161u, 319u, 320u, 321u, 511u, 512u, 513u, 1279u, 1280u, 1281u, 2561u, 5121u}) {
     const Offsets a = offsets_of({3, size, 0, 1, size, 0, 2});
