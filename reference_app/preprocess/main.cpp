@@ -3,9 +3,8 @@
 #include <sys/resource.h>
 
 #include <algorithm>
-#include <array>
-#include <cerrno>
 #include <chrono>
+#include <cmath>
 #include <csignal>
 #include <cstdint>
 #include <cstdio>
@@ -13,8 +12,10 @@
 #include <iterator>
 #include <new>
 #include <optional>
+#include <span>
 #include <string>
 #include <string_view>
+#include <system_error>
 #include <utility>
 #include <variant>
 #include <vector>
@@ -146,6 +147,21 @@ void append(const scene::AnyModel& model, scene::ModelFileWriter& writer) {
   std::visit([&](const auto& part) { writer.append(part); }, model);
 }
 
+/// Reads a file. A small one on one thread: others would have little to do but to wait, which costs more.
+scene::Scene read_model(const fs::path& file, const scene::ImportOptions& options, const scene::Progress& progress,
+                        scene::ImportReport& report) {
+#if defined(_OPENMP)
+  constexpr std::uintmax_t small = std::uintmax_t{4} << 20;  // bytes
+  struct Threads {
+    int before = omp_get_max_threads();
+    ~Threads() { omp_set_num_threads(before); }
+  } threads;
+  std::error_code unknown;
+  if (fs::file_size(file, unknown) < small) omp_set_num_threads(1);
+#endif
+  return scene::import_scene(file, options, progress, &report);
+}
+
 /// Small files are built together, so that all cores have work, and large ones alone.
 void build_files(const Options& options, const std::vector<fs::path>& files, scene::ModelFileWriter& writer,
                  Teller& teller, Totals& totals) {
@@ -177,7 +193,7 @@ void build_files(const Options& options, const std::vector<fs::path>& files, sce
     if (files.size() > 1) teller.where = ", file " + grouped(f + 1) + " of " + grouped(files.size());
     Stopwatch watch;
     scene::ImportReport report;
-    scene::Scene scene = scene::import_scene(files[f], options.import, progress, &report);
+    scene::Scene scene = read_model(files[f], options.import, progress, report);
     for (const std::string& warning : report.warnings) teller.warn(warning);
     std::size_t triangles = 0;
     for (const scene::MeshData& mesh : scene.meshes) triangles += mesh.triangles.size();
@@ -201,7 +217,13 @@ void build_files(const Options& options, const std::vector<fs::path>& files, sce
     const std::span<Object> objects = writer.objects();
     std::size_t object = 0;
     for (std::size_t p = 0; p < parts.size(); ++p) {
-      for (; object < parts[p].end; ++object) objects[object].transform[3] += moves[p];
+      for (; object < parts[p].end; ++object) {
+        glm::vec3& place = objects[object].transform[3];
+        place += moves[p];
+        if (!std::isfinite(place.x + place.y + place.z)) {
+          throw scene::Error("--warehouse", "the parts are too large to be laid out side by side");
+        }
+      }
     }
   }
 }

@@ -2,10 +2,10 @@
 // Unit tests of reading VRML: which objects come in, where they are, and what is refused with one line.
 #include <gtest/gtest.h>
 
-#include <algorithm>
-#include <cmath>
-#include <set>
+#include <cctype>
+#include <random>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "scene/import.hpp"
@@ -193,6 +193,41 @@ TEST_F(Vrml, PlacementsThatLeaveTheFloatRangeDropTheirObject) {
                            {}, &report);
   EXPECT_EQ(scene.objects.size(), 1u);
   EXPECT_EQ(report.objects_dropped, 1u);
+}
+
+TEST_F(Vrml, AnyChangedByteIsSurvived) {
+  const TemporaryFolder folder;
+  const std::string whole = header + "Transform { translation 1 2 3 children [ DEF A " +
+                            face(square, "ccw FALSE convex FALSE", "Material { }") +
+                            " USE A ] }\nShape { geometry Extrusion { spine [0 0 0, 0 5 0] } }\nShape { geometry "
+                            "ElevationGrid { xDimension 2 "
+                            "zDimension 2 height [0 1 0 1] } }\n";
+  std::mt19937 random(1);
+  int read_well = 0;
+  for (int round = 0; round < 400; ++round) {
+    std::string text = whole;
+    const bool only_numbers = round % 2 == 0;  // else what is left is rarely VRML
+    const std::string_view instead = only_numbers ? "0123456789.- " : "09-. eE{}[]\"#,\xff";
+    for (int changes = 1 + round % 3; changes > 0; --changes) {
+      std::size_t at = 0;
+      do at = header.size() + random() % (text.size() - header.size());
+      while (only_numbers && std::isdigit(static_cast<unsigned char>(text[at])) == 0);
+      text[at] = instead[random() % instead.size()];
+    }
+    try {
+      const Scene scene = import_scene(folder.write("changed.wrl", text));
+      ++read_well;
+      EXPECT_FALSE(scene.objects.empty());
+      for (const pgl::Object& object : scene.objects) ASSERT_LT(object.mesh, scene.meshes.size());
+      for (const MeshData& mesh : scene.meshes)
+        for (const auto& t : mesh.triangles)
+          for (const std::uint32_t v : t.v) ASSERT_LT(v, mesh.positions.size()) << text;
+    } catch (const Error& error) {
+      EXPECT_EQ(std::string(error.what()).find('\n'), std::string::npos);
+    }
+  }
+  EXPECT_GT(read_well, 50);
+  EXPECT_LT(read_well, 350);
 }
 
 /// What anyone can install: Debian's kicad-packages3d.
