@@ -3,9 +3,13 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <cstddef>
+#include <iterator>
 #include <limits>
 #include <stdexcept>
+#include <utility>
 
 #include "pgl/types.hpp"
 
@@ -103,6 +107,48 @@ inline Camera reference_camera(Box box, const Camera& camera, double aspect) {
     best = level;
   }
   return fit_camera(box, best + 0.8 * camera.up, camera.up, 35.0, aspect);
+}
+
+/// A camera on a flight through the (non-empty) box, at `time` from 0 to 1: from the overview of fit_camera down into
+/// it, through it lengthwise near the ground, round a bend across it, and up again to look back. Smooth.
+inline Camera fly(const Box& box, const glm::dvec3& up, double fov_degrees, double aspect, double time) {
+  const glm::dvec3 middle = 0.5 * (glm::dvec3(box.min) + glm::dvec3(box.max));
+  const glm::dvec3 half = 0.5 * (glm::dvec3(box.max) - glm::dvec3(box.min));
+  const auto reach = [&](const glm::dvec3& axis) { return glm::dot(half, glm::abs(axis)); };
+  glm::dvec3 along = side_of(up), across = front_of(up);
+  if (reach(across) > reach(along)) std::swap(along, across);
+  const auto at = [&](double a, double b, double height) {  // in half sizes of the box, the height from its floor
+    return middle + along * (a * reach(along)) + across * (b * reach(across)) + up * ((height - 1.0) * reach(up));
+  };
+  const Camera first = fit_camera(box, up, fov_degrees, aspect);
+  const std::array<glm::dvec3, 8> points = {first.eye,          at(-1.1, -0.3, 1.2), at(-0.8, -0.1, 0.4),
+                                            at(0.0, -0.1, 0.3), at(0.5, 0.0, 0.3),   at(0.6, 0.5, 0.4),
+                                            at(0.6, 1.0, 0.8),  at(0.9, 1.6, 2.0)};
+  // Catmull-Rom: through all points, with the first and the last one doubled.
+  const auto eye_at = [&](double t) {
+    const double place = std::clamp(t, 0.0, 1.0) * (points.size() - 1.0);
+    const auto i = std::min(static_cast<std::ptrdiff_t>(place), std::ssize(points) - 2);
+    const double u = place - static_cast<double>(i);
+    const auto point = [&](std::ptrdiff_t k) {
+      return points[static_cast<std::size_t>(std::clamp<std::ptrdiff_t>(k, 0, std::ssize(points) - 1))];
+    };
+    const glm::dvec3 a = point(i - 1), b = point(i), c = point(i + 1), d = point(i + 2);
+    return 0.5 * (2.0 * b + (c - a) * u + (2.0 * a - 5.0 * b + 4.0 * c - d) * (u * u) +
+                  (3.0 * (b - c) + d - a) * (u * u * u));
+  };
+  Camera camera{eye_at(time), {}, up, fov_degrees};
+  // It looks where it goes, and a little at the middle of the box; at the beginning and at the end, there alone.
+  const auto ramp = [](double t) {
+    t = std::clamp(t, 0.0, 1.0);
+    return t * t * (3.0 - 2.0 * t);
+  };
+  const double way = 0.7 * ramp((time - 0.05) / 0.15) * (1.0 - ramp((time - 0.65) / 0.15));
+  const glm::dvec3 inwards = glm::normalize((time < 0.5 ? first.target : middle) - camera.eye);
+  const glm::dvec3 ahead = eye_at(time + 0.06) - eye_at(time - 0.02);
+  glm::dvec3 gaze = (1.0 - way) * inwards;
+  if (glm::length(ahead) > 0.0) gaze += way * glm::normalize(ahead);
+  camera.target = camera.eye + (glm::length(gaze) > 0.05 ? gaze : inwards);
+  return camera;
 }
 
 /// The view of the camera on a picture of that size. The near and far planes hold the whole box between them, the near

@@ -9,6 +9,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
+#include <optional>
 #include <span>
 #include <stdexcept>
 #include <string>
@@ -16,6 +17,7 @@
 #include <type_traits>
 #include <vector>
 
+#include "pgl/cuda/block_stream.cuh"
 #include "pgl/cuda/buffer.cuh"
 #include "pgl/cuda/build_hzm.cuh"
 #include "pgl/cuda/cull_frustum.cuh"
@@ -24,6 +26,7 @@
 #include "pgl/cuda/gather.cuh"
 #include "pgl/cuda/keep_flagged.cuh"
 #include "pgl/cuda/launch.cuh"
+#include "pgl/cuda/limit_transfer.cuh"
 #include "pgl/cuda/project.cuh"
 #include "pgl/cuda/rasterize_depth.cuh"
 #include "pgl/cuda/reform.cuh"
@@ -45,7 +48,7 @@ template <class T>
 class DeviceArray {
  public:
   DeviceArray() = default;
-  explicit DeviceArray(const std::vector<T>& values) {
+  explicit DeviceArray(std::span<const T> values) {
     resize(values.size());
     if (values.empty()) return;
     must(cudaMemcpy(data(), values.data(), size_ * sizeof(T), cudaMemcpyHostToDevice), "copying the model");
@@ -172,6 +175,10 @@ class CudaBackend {
   using OccluderWorkspace = cuda::OccluderWorkspace;
   using DepthWorkspace = cuda::DepthWorkspace;
   using BudgetWorkspace = cuda::BudgetWorkspace;
+  using TransferWorkspace = cuda::TransferWorkspace;
+  template <class Index>
+  using BlockStream = cuda::BlockStream<glm::vec3, Index>;
+  static constexpr bool copies = true;
   template <class Index>
   using ReformWorkspace = cuda::ReformWorkspace<Index>;
 
@@ -181,6 +188,7 @@ class CudaBackend {
     cudaDeviceProp properties{};
     must(cudaGetDevice(&device), "asking for the device");
     must(cudaGetDeviceProperties(&properties, device), "asking for the device");
+    free_at_first_ = free_bytes();
     info_.name = "cuda";
     info_.gpu = properties.name;
     const cudaError_t error = shares ? try_to_share() : cudaErrorNotSupported;
@@ -226,9 +234,51 @@ class CudaBackend {
   void lay_out(auto&&... arguments) {
     must(cuda::lay_out(arguments..., lay_out_workspace_, launch()), "laying out the frame");
   }
+  void limit_transfer(auto&&... arguments) {
+    must(cuda::limit_transfer(arguments..., launch()), "limiting the transfer");
+  }
   void reform(auto&&... arguments) { must(cuda::reform(arguments..., launch()), "reforming the triangles"); }
   void gather(auto&&... arguments) { must(cuda::gather(arguments..., launch()), "gathering the vertices"); }
-  void finish() { must(cudaStreamSynchronize(queue_.stream()), "preparing a frame"); }
+  void finish() {
+    must(cudaStreamSynchronize(queue_.stream()), "preparing a frame");
+    if (drawing_) must(cudaStreamSynchronize(drawing_->stream()), "preparing a frame");
+  }
+
+  // A streamed frame is drawn on a stream of its own, so that the next one can be chosen meanwhile.
+  template <class Index>
+  void reserve(BlockStream<Index>& stream, std::size_t objects, std::uint64_t vertices, std::uint64_t triangles,
+               std::uint64_t additional) {
+    if (!drawing_) drawing_.emplace();
+    must(stream.reserve(objects, vertices, triangles, additional), "taking memory: lower --budget or --gpu-memory");
+  }
+  void begin(auto& stream, auto&&... arguments) { must(stream.begin(arguments..., launch()), "choosing what is new"); }
+  DeltaSize send(auto& stream, auto&&... arguments) {
+    DeltaSize size;
+    must(stream.send(arguments..., size), "sending what is new");
+    return size;
+  }
+  void apply(auto& stream) { must(stream.apply(drawing()), "defragmenting the blocks"); }
+  void reform_block(auto&&... arguments) {
+    must(cuda::reform_block(arguments..., cuda::Launch(drawing())), "reforming the triangles");
+  }
+  void gather_block(auto&&... arguments) {
+    must(cuda::gather_block(arguments..., cuda::Launch(drawing())), "gathering the vertices");
+  }
+  /// Memory of the device that has been taken since this backend was made, by whomever.
+  std::uint64_t memory_used() const {
+    const std::uint64_t now = free_bytes();
+    return now < free_at_first_ ? free_at_first_ - now : 0;
+  }
+  /// What may be taken of it, with a tenth left for others.
+  static std::optional<std::uint64_t> memory_free() { return free_bytes() / 10 * 9; }
+  void prepare_drawing(std::size_t vertices, std::size_t triangles) {
+    if (info_.interop) {
+      must(mapped_.prepare(vertices, triangles), "opening OpenGL's buffers: lower --budget");
+    } else {
+      vertices_.resize(vertices);
+      triangles_.resize(triangles);
+    }
+  }
 
   template <class... T>
   std::tuple<T...> fetch(const T*... values) {
@@ -240,7 +290,7 @@ class CudaBackend {
       at += size;
     };
     (enqueue(values, sizeof(T)), ...);
-    finish();
+    must(cudaStreamSynchronize(queue_.stream()), "reading the totals");
     std::tuple<T...> fetched;
     at = 0;
     const auto take = [&](auto&... value) {
@@ -252,8 +302,8 @@ class CudaBackend {
   template <class T>
   std::vector<std::remove_const_t<T>> download(std::span<T> values) {
     std::vector<std::remove_const_t<T>> result(values.size());
-    copy_back(std::span<const T>(values), result);
-    finish();
+    copy_back(std::span<const T>(values), result, queue_.stream());
+    must(cudaStreamSynchronize(queue_.stream()), "copying from the GPU");
     return result;
   }
 
@@ -263,7 +313,7 @@ class CudaBackend {
     Triangle<std::uint32_t>* triangle_pointer = nullptr;
     if (info_.interop) {
       must(mapped_.prepare(vertices, triangles), "opening OpenGL's buffers: lower --budget");
-      must(mapped_.map(queue_.stream(), vertex_pointer, triangle_pointer), "mapping OpenGL's buffers");
+      must(mapped_.map(drawing(), vertex_pointer, triangle_pointer), "mapping OpenGL's buffers");
     } else {
       vertices_.resize(vertices);
       triangles_.resize(triangles);
@@ -276,12 +326,12 @@ class CudaBackend {
   }
   void end_drawing() {
     if (info_.interop) {
-      must(mapped_.unmap(queue_.stream()), "giving OpenGL's buffers back");
+      must(mapped_.unmap(drawing()), "giving OpenGL's buffers back");
       buffers_.set_drawn(drawn_vertices_.size(), drawn_triangles_.size());
       return;
     }
-    copy_back(std::span<const PlacedVertex>(drawn_vertices_), host_vertices_);
-    copy_back(std::span<const Triangle<std::uint32_t>>(drawn_triangles_), host_triangles_);
+    copy_back(std::span<const PlacedVertex>(drawn_vertices_), host_vertices_, drawing());
+    copy_back(std::span<const Triangle<std::uint32_t>>(drawn_triangles_), host_triangles_, drawing());
     finish();
     buffers_.upload(std::span(host_vertices_).first(drawn_vertices_.size()),
                     std::span(host_triangles_).first(drawn_triangles_.size()));
@@ -291,6 +341,12 @@ class CudaBackend {
 
  private:
   cuda::Launch launch() const { return queue_.stream(); }
+  cudaStream_t drawing() const { return drawing_ ? drawing_->stream() : queue_.stream(); }
+  static std::uint64_t free_bytes() {
+    std::size_t free = 0, total = 0;
+    must(cudaMemGetInfo(&free, &total), "asking for the device's memory");
+    return free;
+  }
 
   /// Does once what every frame does with OpenGL's buffers. On an error they are OpenGL's alone again.
   cudaError_t try_to_share() {
@@ -305,14 +361,16 @@ class CudaBackend {
   }
 
   template <class T>
-  void copy_back(std::span<const T> from, std::vector<T>& to) {
+  void copy_back(std::span<const T> from, std::vector<T>& to, cudaStream_t stream) {
     if (from.empty()) return;
     if (to.size() < from.size()) to.resize(from.size());
-    must(cudaMemcpyAsync(to.data(), from.data(), from.size_bytes(), cudaMemcpyDeviceToHost, queue_.stream()),
+    must(cudaMemcpyAsync(to.data(), from.data(), from.size_bytes(), cudaMemcpyDeviceToHost, stream),
          "copying from the GPU");
   }
 
   CudaQueue queue_;
+  std::optional<CudaQueue> drawing_;
+  std::uint64_t free_at_first_ = 0;
   DrawBuffers& buffers_;
   MappedBuffers mapped_;
   BackendInfo info_;

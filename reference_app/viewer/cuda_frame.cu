@@ -27,8 +27,8 @@ int choose_gpu() {
 namespace {
 
 template <class Index>
-std::unique_ptr<AnyFrame> make(const scene::Model<Index>& model, std::uint32_t min_triangles,
-                               const OcclusionOptions& occlusion, DrawBuffers& buffers, const std::string& gl_vendor) {
+std::unique_ptr<AnyFrame> make(const FrameModel<Index>& model, const FrameOptions& options, DrawBuffers& buffers,
+                               const std::string& gl_vendor) {
   const bool shares = gl_vendor.starts_with("NVIDIA");
   if (shares) {
     // Those of the current context: it may be on another GPU than CUDA's first.
@@ -45,20 +45,18 @@ std::unique_ptr<AnyFrame> make(const scene::Model<Index>& model, std::uint32_t m
       (void)cudaGetLastError();  // registering the buffers will tell
     }
   }
-  return std::make_unique<Frame<CudaBackend, Index>>(model, min_triangles, occlusion, buffers, shares);
+  return std::make_unique<Frame<CudaBackend, Index>>(model, options, buffers, shares);
 }
 
 }  // namespace
 
-std::unique_ptr<AnyFrame> make_cuda_frame(const scene::Model<std::uint16_t>& model, std::uint32_t min_triangles,
-                                          const OcclusionOptions& occlusion, DrawBuffers& buffers,
-                                          const std::string& gl_vendor) {
-  return make(model, min_triangles, occlusion, buffers, gl_vendor);
+std::unique_ptr<AnyFrame> make_cuda_frame(const FrameModel<std::uint16_t>& model, const FrameOptions& options,
+                                          DrawBuffers& buffers, const std::string& gl_vendor) {
+  return make(model, options, buffers, gl_vendor);
 }
-std::unique_ptr<AnyFrame> make_cuda_frame(const scene::Model<std::uint32_t>& model, std::uint32_t min_triangles,
-                                          const OcclusionOptions& occlusion, DrawBuffers& buffers,
-                                          const std::string& gl_vendor) {
-  return make(model, min_triangles, occlusion, buffers, gl_vendor);
+std::unique_ptr<AnyFrame> make_cuda_frame(const FrameModel<std::uint32_t>& model, const FrameOptions& options,
+                                          DrawBuffers& buffers, const std::string& gl_vendor) {
+  return make(model, options, buffers, gl_vendor);
 }
 
 }  // namespace pgl::viewer

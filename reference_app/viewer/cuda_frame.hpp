@@ -6,7 +6,6 @@
 #include <memory>
 #include <string>
 
-#include "scene/build_model.hpp"
 #include "viewer/buffers.hpp"
 #include "viewer/frame.hpp"
 
@@ -22,14 +21,13 @@ inline constexpr bool built_with_cuda = false;
 /// Throws NoContext (context.hpp) where there is no GPU or no driver for it.
 int choose_gpu();
 
-/// A frame on the chosen GPU, or on the one that draws in the current OpenGL context. The model is copied to it.
+/// A frame on the chosen GPU, or on the one that draws in the current OpenGL context. The model is copied to it, or
+/// sent as it is needed.
 /// Where the OpenGL context is of that GPU's driver (`gl_vendor` says NVIDIA), frames are written straight into
 /// `buffers`; otherwise they are copied back and uploaded, and info().note says why. Throws std::runtime_error.
-std::unique_ptr<AnyFrame> make_cuda_frame(const scene::Model<std::uint16_t>& model, std::uint32_t min_triangles,
-                                          const OcclusionOptions& occlusion, DrawBuffers& buffers,
-                                          const std::string& gl_vendor);
-std::unique_ptr<AnyFrame> make_cuda_frame(const scene::Model<std::uint32_t>& model, std::uint32_t min_triangles,
-                                          const OcclusionOptions& occlusion, DrawBuffers& buffers,
-                                          const std::string& gl_vendor);
+std::unique_ptr<AnyFrame> make_cuda_frame(const FrameModel<std::uint16_t>& model, const FrameOptions& options,
+                                          DrawBuffers& buffers, const std::string& gl_vendor);
+std::unique_ptr<AnyFrame> make_cuda_frame(const FrameModel<std::uint32_t>& model, const FrameOptions& options,
+                                          DrawBuffers& buffers, const std::string& gl_vendor);
 
 }  // namespace pgl::viewer

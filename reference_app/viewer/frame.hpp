@@ -6,8 +6,10 @@
 #include <chrono>
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <iterator>
 #include <limits>
+#include <optional>
 #include <span>
 #include <stdexcept>
 #include <string>
@@ -18,11 +20,14 @@
 #include "pgl/distribute_budget.hpp"
 #include "pgl/gather.hpp"
 #include "pgl/host/select_occluders.hpp"
+#include "pgl/limit_transfer.hpp"
+#include "pgl/pack_delta.hpp"
 #include "pgl/select_occluders.hpp"
 #include "pgl/types.hpp"
-#include "scene/build_model.hpp"
+#include "scene/model_view.hpp"
 #include "viewer/buffers.hpp"
 #include "viewer/occlusion.hpp"
+#include "viewer/streaming.hpp"
 
 namespace pgl::viewer {
 
@@ -40,10 +45,12 @@ class Stopwatch {
   std::chrono::steady_clock::time_point last_ = std::chrono::steady_clock::now();
 };
 
-/// What each step of a frame took, in milliseconds. Upload: handing the buffers over, to OpenGL and back.
+/// What each step of a frame took, in milliseconds. Load: checking, and so reading, what the frame needs of a mapped
+/// file. Upload: handing the buffers over, to OpenGL and back.
 struct FrameTimes {
   double cull = 0.0, occluders = 0.0, depth = 0.0, hzm = 0.0, occlusion = 0.0;
-  double project = 0.0, budget = 0.0, reform = 0.0, gather = 0.0, upload = 0.0;
+  double project = 0.0, budget = 0.0, load = 0.0, limit = 0.0, send = 0.0, defragment = 0.0;
+  double reform = 0.0, gather = 0.0, upload = 0.0;
 };
 
 /// What a frame chose, by object.
@@ -72,24 +79,50 @@ class AnyFrame {
 
   /// Selects and builds what to draw of the model from `view` within options.budget vertices, into the DrawBuffers; the
   /// depths and areas of `options` are taken from the view. Throws std::runtime_error where 32-bit indices do not
-  /// suffice, memory runs out or a device fails.
+  /// suffice, memory runs out or a device fails; what load() throws goes through.
   virtual FrameTimes run(const View& view, BudgetOptions options) = 0;
 
   /// Of the last frame.
-  virtual std::uint64_t objects_drawn() const = 0;
   virtual Selection selection() = 0;
+  virtual Sent sent() const = 0;          ///< nothing where nothing is streamed
+  virtual MemoryPlan memory() const = 0;  ///< as planned by the first frame
 
   virtual BackendInfo info() const = 0;
 };
 
+/// Where a model is and how much of it may be used: one in a mapped file is checked before it is read.
+template <class Index>
+struct FrameModel {
+  scene::ModelView<Index> view;
+  // What is called before the arrays are read, or nothing. counts: vertices, for each object.
+  std::function<void(std::span<const std::uint32_t> counts)> load;       ///< all that drawing these reads
+  std::function<void(std::span<const std::uint32_t> counts)> load_maps;  ///< the maps of objects with any
+  std::function<void()> load_tables;                                     ///< all of map and ecol
+};
+
+/// What a frame is made with.
+struct FrameOptions {
+  std::uint32_t min_triangles = 0;  ///< a drawn object keeps at least so many, or all that it has
+  OcclusionOptions occlusion;
+  StreamOptions stream;
+};
+
 /// One model under a moving camera. Memory is kept from frame to frame and only grows.
 ///
+/// Streamed, the backend's memory has the tables of the model but neither its vertices nor its triangles: each frame
+/// sends those that the last one did not have (host::BlockStream, cuda::BlockStream), within StreamOptions::transfer
+/// (limit_transfer). What is drawn is the same, byte for byte, but where a limit cuts the selection down: to a
+/// transfer, or to what gpu_memory has room for.
+///
 /// Backend is a class that has
-/// - Input<T>: an array of the model as the steps read it, made from a const std::vector<T>& that outlives it;
+/// - Input<T>: an array of the model as the steps read it, made from a std::span<const T> whose elements outlive it;
 /// - Array<T>: working memory, made empty or from a std::vector<T>, with resize();
 /// - the steps, under the names and with the arguments of pgl::host; distribute_budget has at its end where the totals
 ///   go, in such an array;
-/// - BudgetWorkspace, ReformWorkspace<Index>, OccluderWorkspace, DepthWorkspace: their scratch;
+/// - BudgetWorkspace, ReformWorkspace<Index>, OccluderWorkspace, DepthWorkspace, TransferWorkspace: their scratch;
+/// - BlockStream<Index>, and reserve, begin, send, apply: its functions, with it as the first argument;
+/// - copies: whether an Input is a copy; memory_used(), memory_free(): bytes, as far as it knows;
+/// prepare_drawing(vertices, triangles): makes room;
 /// - reserve(ReformWorkspace, objects, vertices of the largest mesh);
 /// - clear(depths): makes them all far_depth;
 /// - finish(): waits until the results are there;
@@ -104,54 +137,16 @@ class Frame final : public AnyFrame {
   template <class T>
   using Input = typename Backend::template Input<T>;
 
-  /// `model` and what the backend is made of must outlive the frame. A drawn object keeps at least min_triangles
-  /// triangles, or all that it has.
-  Frame(const scene::Model<Index>& model, std::uint32_t min_triangles, const OcclusionOptions& occlusion,
-        auto&&... backend)
-      : backend_(backend...),
-        occlusion_(occlusion.mode != OcclusionMode::off),
-        temporal_(occlusion.mode == OcclusionMode::temporal),
-        refinement_(occlusion.refinement),
-        meshes_(model.meshes),
-        objects_(model.objects),
-        vertices_(model.vertices),
-        triangles_(model.triangles),
-        ecol_(model.ecol),
-        map_(model.map),
-        boxes_(model.object_boxes),
-        faces_(model.faces),
-        candidates_(occlusion_ ? candidates(model, occlusion.compactness) : std::vector<std::uint32_t>()),
-        mesh_of_object_(mesh_numbers(model.objects)) {
-    const std::size_t n = model.objects.size();
-    for (auto* counts : {&min_vertices_, &max_vertices_, &counts_, &triangle_counts_}) counts->resize(n);
-    in_view_.resize(n);
-    if (occlusion_) {
-      visible_.resize(n);
-      occluders_.resize(std::min(occlusion.aos, candidates_.size()));
-      if (temporal_) {
-        choice_ = Array<std::uint8_t>(std::vector<std::uint8_t>(n, 1));
-        visible_ = Array<std::uint8_t>(std::vector<std::uint8_t>(n, 1));
-        more_occluders_.resize(occluders_.size());
-      }
-    }
-    areas_.resize(n);
-    depths_.resize(n);
-    vertex_offsets_.resize(n + 1);
-    triangle_offsets_.resize(n + 1);
-    totals_.resize(1);
-    backend_.vertex_limits(std::span<const std::uint32_t>(mesh_of_object_), std::span(meshes_), std::span(map_),
-                           min_triangles, std::span(min_vertices_), std::span(max_vertices_));
-    std::uint32_t most_vertices = 0;
-    for (const Mesh& mesh : model.meshes) most_vertices = std::max(most_vertices, mesh.max_vertices);
-    backend_.reserve(reform_workspace_, n, most_vertices);
-    backend_.finish();
-  }
+  /// What the model views and what the backend is made of must outlive the frame. Throws std::runtime_error where the
+  /// model does not fit and may not be streamed.
+  Frame(const FrameModel<Index>& model, const FrameOptions& options, auto&&... backend)
+      : Frame(model, options, wants_stream(model.view, options), backend...) {}
 
   FrameTimes run(const View& view, BudgetOptions options) override {
     FrameTimes ms;
     Stopwatch watch;
     const auto lap = [&] {
-      backend_.finish();
+      if (!options_.overlap) backend_.finish();
       return watch.lap();
     };
 
@@ -166,29 +161,43 @@ class Frame final : public AnyFrame {
 
     options.near_depth = view.near_depth;
     options.viewport_area = view.width * view.height;
-    backend_.distribute_budget(std::span(areas_), std::span(depths_), std::span(min_vertices_),
-                               std::span(max_vertices_), options, budget_workspace_, std::span(counts_),
-                               totals_.data());
-    backend_.lay_out(std::span(counts_), std::span(mesh_of_object_), std::span(meshes_), std::span(map_),
-                     std::span(triangle_counts_), std::span(vertex_offsets_), std::span(triangle_offsets_));
-    const auto [drawn, triangles] =
-        backend_.fetch(totals_.data(), triangle_offsets_.data() + triangle_offsets_.size() - 1);
-    drawn_ = drawn.objects;
+    if (stream_) {
+      if (std::min(options.budget, all_.vertices) > planned_) plan(options);
+      options.budget = std::min(options.budget, memory_.vertices);
+    }
+    Size drawn = choose(options, ms, lap);
+    while (stream_ && drawn.triangles > memory_.triangles) {
+      if (!memory_.limit) {
+        memory_.triangles = drawn.triangles;
+        make_blocks();
+        break;
+      }
+      options.budget = fewer(options.budget, drawn.triangles);
+      drawn = choose(options, ms, lap);
+    }
+    if (stream_) drawn = send(options, drawn, ms, lap);
     if (drawn.vertices > std::numeric_limits<std::uint32_t>::max()) {
       throw std::runtime_error("--budget: the frame has more vertices than 32-bit indices can tell apart: lower it");
     }
-    ms.budget = lap();
 
-    const auto [vertex_buffer, index_buffer] = backend_.begin_drawing(drawn.vertices, triangles);
+    const auto [vertex_buffer, index_buffer] = backend_.begin_drawing(drawn.vertices, drawn.triangles);
     ms.upload = lap();
-
-    backend_.reform(std::span(meshes_), std::span(objects_), std::span(triangles_), std::span(ecol_),
-                    std::span(counts_), std::span(vertex_offsets_), std::span(triangle_offsets_), reform_workspace_,
-                    index_buffer);
+    if (stream_) {
+      backend_.reform_block(std::span(meshes_), std::span(objects_), stream_->triangles(), std::span(ecol_),
+                            stream_->counts(), stream_->vertex_offsets(), stream_->triangle_offsets(),
+                            reform_workspace_, index_buffer);
+    } else {
+      backend_.reform(std::span(meshes_), std::span(objects_), std::span(triangles_), std::span(ecol_),
+                      std::span(counts_), std::span(vertex_offsets_), std::span(triangle_offsets_), reform_workspace_,
+                      index_buffer);
+    }
     ms.reform = lap();
-
-    backend_.gather(std::span(meshes_), std::span(objects_), std::span(vertices_), std::span(counts_),
-                    std::span(vertex_offsets_), vertex_buffer);
+    if (stream_) {
+      backend_.gather_block(std::span(objects_), stream_->vertices(), stream_->vertex_offsets(), vertex_buffer);
+    } else {
+      backend_.gather(std::span(meshes_), std::span(objects_), std::span(vertices_), std::span(counts_),
+                      std::span(vertex_offsets_), vertex_buffer);
+    }
     ms.gather = lap();
 
     backend_.end_drawing();
@@ -196,8 +205,8 @@ class Frame final : public AnyFrame {
     return ms;
   }
 
-  std::uint64_t objects_drawn() const override { return drawn_; }
   Selection selection() override {
+    backend_.finish();
     Selection selection;
     selection.counts = backend_.download(std::span(counts_));
     selection.in_view = backend_.download(std::span(in_view_));
@@ -208,9 +217,206 @@ class Frame final : public AnyFrame {
     std::erase(selection.occluders, no_object);
     return selection;
   }
+  Sent sent() const override { return sent_; }
+  MemoryPlan memory() const override { return memory_; }
   BackendInfo info() const override { return backend_.info(); }
 
  private:
+  struct Size {
+    std::uint64_t vertices = 0, triangles = 0;
+  };
+
+  Frame(const FrameModel<Index>& model, const FrameOptions& options, bool streams, auto&&... backend)
+      : backend_(backend...),
+        model_(loaded(model, streams)),
+        options_(options.stream),
+        all_(size_of(model.view)),
+        occlusion_(options.occlusion.mode != OcclusionMode::off),
+        temporal_(options.occlusion.mode == OcclusionMode::temporal),
+        refinement_(options.occlusion.refinement),
+        chosen_(streams && occlusion_ ? choose_occluders(model, options) : OccluderMeshes<Index>()),
+        meshes_(model.view.meshes),
+        objects_(model.view.objects),
+        vertices_(streams ? std::span<const glm::vec3>() : model.view.vertices),
+        triangles_(streams ? std::span<const Triangle<Index>>() : model.view.triangles),
+        ecol_(model.view.ecol),
+        map_(model.view.map),
+        boxes_(model.view.object_boxes),
+        faces_(model.view.faces),
+        occluder_meshes_(std::span<const Mesh>(chosen_.meshes)),
+        occluder_vertices_(std::span<const glm::vec3>(chosen_.vertices)),
+        occluder_triangles_(std::span<const Triangle<Index>>(chosen_.triangles)),
+        occluder_map_(std::span<const std::uint32_t>(chosen_.map)),
+        mesh_of_object_(mesh_numbers(model.view.objects)) {
+    const std::size_t n = model.view.objects.size();
+    for (auto* counts : {&min_vertices_, &max_vertices_, &counts_, &triangle_counts_}) counts->resize(n);
+    in_view_.resize(n);
+    if (occlusion_) {
+      const std::vector<std::uint32_t> candidates =
+          streams ? chosen_.candidates : all_candidates(model.view, options.occlusion.compactness);
+      candidates_ = Array<std::uint32_t>(candidates);
+      visible_.resize(n);
+      occluders_.resize(std::min(options.occlusion.aos, candidates_.size()));
+      if (temporal_) {
+        choice_ = Array<std::uint8_t>(std::vector<std::uint8_t>(n, 1));
+        visible_ = Array<std::uint8_t>(std::vector<std::uint8_t>(n, 1));
+        more_occluders_.resize(occluders_.size());
+      }
+    }
+    areas_.resize(n);
+    depths_.resize(n);
+    vertex_offsets_.resize(n + 1);
+    triangle_offsets_.resize(n + 1);
+    totals_.resize(1);
+    transfer_totals_.resize(1);
+    backend_.vertex_limits(std::span<const std::uint32_t>(mesh_of_object_), std::span(meshes_), std::span(map_),
+                           options.min_triangles, std::span(min_vertices_), std::span(max_vertices_));
+    std::uint32_t most_vertices = 0;
+    for (const Mesh& mesh : model.view.meshes) most_vertices = std::max(most_vertices, mesh.max_vertices);
+    backend_.reserve(reform_workspace_, n, most_vertices);
+    if (streams) stream_.emplace();
+    backend_.finish();
+  }
+
+  /// Whether the model is sent as it is needed: where asked to, or where it does not fit.
+  static bool wants_stream(const scene::ModelView<Index>& model, const FrameOptions& options) {
+    if (options.stream.mode == StreamMode::always) return true;
+    const std::optional<std::uint64_t> room =
+        options.stream.gpu_memory ? options.stream.gpu_memory : Backend::memory_free();
+    if (!room) return false;
+    // Twice the model's vertices and triangles: as they are, and as much again for what is drawn of them, at most.
+    const std::uint64_t all = tables_bytes(model) + 2 * (model.vertices.size_bytes() + model.triangles.size_bytes());
+    if (all <= *room) return false;
+    if (options.stream.mode == StreamMode::never && options.stream.gpu_memory) {
+      throw std::runtime_error("--gpu-memory: without streaming this model takes " + std::to_string(all >> 20) +
+                               " MiB there");
+    }
+    return options.stream.mode == StreamMode::automatic;
+  }
+
+  /// What is in the backend's memory of every model, and the working memory that goes with it.
+  static std::uint64_t tables_bytes(const scene::ModelView<Index>& model) {
+    constexpr std::uint64_t working = 5 * sizeof(std::uint32_t) + 3 + 2 * sizeof(float) + 2 * sizeof(std::uint64_t);
+    return model.meshes.size_bytes() + model.objects.size_bytes() + model.ecol.size_bytes() + model.map.size_bytes() +
+           model.object_boxes.size_bytes() + model.faces.size_bytes() + model.objects.size() * working;
+  }
+  /// For each object, what streaming takes beside that: BlockStream's selections and limit_transfer's scratch.
+  static constexpr std::uint64_t streamed_object_bytes = 192;
+
+  /// The model, with that of it checked which the backend is about to copy.
+  static FrameModel<Index> loaded(FrameModel<Index> model, bool streams) {
+    if (!Backend::copies || !model.load) return model;
+    if (streams) {
+      model.load_tables();
+      model.load_maps = nullptr;
+      return model;
+    }
+    std::vector<std::uint32_t> counts(model.view.objects.size());
+    std::ranges::transform(model.view.objects, counts.begin(),
+                           [&](const Object& object) { return model.view.meshes[object.mesh].max_vertices; });
+    model.load_tables();
+    model.load(counts);
+    model.load = model.load_maps = nullptr;
+    return model;
+  }
+
+  /// Shares out the budget and lays the frame out: counts_ and the offsets.
+  Size choose(const BudgetOptions& options, FrameTimes& ms, auto&& lap) {
+    backend_.distribute_budget(std::span(areas_), std::span(depths_), std::span(min_vertices_),
+                               std::span(max_vertices_), options, budget_workspace_, std::span(counts_),
+                               totals_.data());
+    if (const auto& load = stream_ && options_.transfer ? model_.load_maps : model_.load; load) {
+      ms.budget += lap();
+      load(backend_.download(std::span(counts_)));
+      ms.load += lap();
+    }
+    const Size size = lay_out();
+    ms.budget += lap();
+    return size;
+  }
+
+  Size lay_out() {
+    backend_.lay_out(std::span(counts_), std::span(mesh_of_object_), std::span(meshes_), std::span(map_),
+                     std::span(triangle_counts_), std::span(vertex_offsets_), std::span(triangle_offsets_));
+    const auto [vertices, triangles] = backend_.fetch(vertex_offsets_.data() + vertex_offsets_.size() - 1,
+                                                      triangle_offsets_.data() + triangle_offsets_.size() - 1);
+    return {vertices, triangles};
+  }
+
+  /// Brings the blocks up to the selection, or as far as the transfer allows; then the selection is what they have.
+  Size send(const BudgetOptions& options, Size wanted, FrameTimes& ms, auto&& lap) {
+    sent_ = {};
+    Size size = wanted;
+    if (options_.transfer) {
+      const TransferOptions transfer{
+          .cap = *options_.transfer, .vertex_bytes = sizeof(glm::vec3), .triangle_bytes = sizeof(Triangle<Index>)};
+      backend_.limit_transfer(std::span(areas_), std::span(depths_), std::span(min_vertices_), std::span(max_vertices_),
+                              options, std::span(counts_), stream_->counts(), std::span(mesh_of_object_),
+                              std::span(meshes_), std::span(map_), transfer, transfer_workspace_, std::span(counts_),
+                              transfer_totals_.data());
+      const auto [totals] = backend_.fetch(transfer_totals_.data());
+      sent_.missing_bytes = totals.missing_bytes;
+      ms.limit = lap();
+      if (model_.load) model_.load(backend_.download(std::span(counts_)));
+      ms.load += lap();
+      size = lay_out();
+      ms.limit += lap();
+    }
+    backend_.begin(*stream_, std::span(counts_), std::span(vertex_offsets_), std::span(triangle_offsets_));
+    const DeltaSize delta =
+        backend_.send(*stream_, model_.view.meshes, model_.view.objects, model_.view.vertices, model_.view.triangles);
+    sent_.vertices = delta.vertices;
+    sent_.triangles = delta.triangles;
+    sent_.bytes = delta.bytes;
+    ms.send = lap();
+    backend_.apply(*stream_);
+    ms.defragment = lap();
+    return size;
+  }
+
+  /// Plans the memory for a budget, once everything else has been taken: by the steps of a frame that draws nothing.
+  void plan(BudgetOptions options) {
+    planned_ = std::min(options.budget, all_.vertices);
+    if (!memory_.streams) {
+      options.budget = 0;
+      FrameTimes ms;
+      choose(options, ms, [] { return 0.0; });
+      backend_.finish();
+      const std::uint64_t n = model_.view.objects.size();
+      memory_.resident =
+          std::max(tables_bytes(model_.view) + hzm_.size() * sizeof(Depth) + occluder_bytes(), backend_.memory_used()) +
+          n * streamed_object_bytes;
+    }
+    memory_ = plan_memory(options_, all_, memory_.resident, planned_, sizeof(glm::vec3), sizeof(Triangle<Index>));
+    make_blocks();
+  }
+
+  std::uint64_t occluder_bytes() const {
+    return chosen_.meshes.size() * sizeof(Mesh) + chosen_.vertices.size() * sizeof(glm::vec3) +
+           chosen_.triangles.size() * sizeof(Triangle<Index>) + chosen_.map.size() * sizeof(std::uint32_t);
+  }
+
+  /// The next frame begins with empty blocks.
+  void make_blocks() {
+    backend_.reserve(*stream_, model_.view.objects.size(), memory_.vertices, memory_.triangles,
+                     memory_.limit ? memory_.additional : 0);
+    backend_.prepare_drawing(memory_.vertices, memory_.triangles);
+  }
+
+  /// A smaller budget, in proportion to the triangles that there is room for.
+  std::uint64_t fewer(std::uint64_t budget, std::uint64_t triangles) const {
+    const double share = static_cast<double>(memory_.triangles) / static_cast<double>(triangles);
+    return std::min(budget - 1, static_cast<std::uint64_t>(static_cast<double>(budget) * share));
+  }
+
+  static OccluderMeshes<Index> choose_occluders(const FrameModel<Index>& model, const FrameOptions& options) {
+    const std::uint64_t bytes = options.stream.gpu_memory ? *options.stream.gpu_memory / 8 : std::uint64_t{256} << 20;
+    return viewer::choose_occluders(model.view, all_candidates(model.view, options.occlusion.compactness), bytes,
+                                    [&](std::span<const std::uint32_t> counts) {
+                                      if (model.load) model.load(counts);
+                                    });
+  }
+
   /// Writes `visible_`: of the objects in view those that a few others, drawn into the depth at full detail, do not
   /// hide.
   ///
@@ -226,8 +432,15 @@ class Frame final : public AnyFrame {
     const auto draw = [&](std::span<const std::uint8_t> among, std::span<std::uint32_t> occluders) {
       backend_.select_occluders(std::span(candidates_), std::span(faces_), among, view, occluder_workspace_, occluders);
       ms.occluders += lap();
-      backend_.rasterize_depth(std::span(meshes_), std::span(objects_), std::span(vertices_), std::span(triangles_),
-                               std::span(map_), occluders, view, size, depth_workspace_, depth);
+      if (stream_) {
+        backend_.rasterize_depth(std::span(occluder_meshes_), std::span(objects_), std::span(occluder_vertices_),
+                                 std::span(occluder_triangles_), std::span(occluder_map_), occluders, view, size,
+                                 depth_workspace_, depth);
+      } else {
+        if (model_.load) load_occluders(occluders);
+        backend_.rasterize_depth(std::span(meshes_), std::span(objects_), std::span(vertices_), std::span(triangles_),
+                                 std::span(map_), occluders, view, size, depth_workspace_, depth);
+      }
       ms.depth += lap();
       backend_.build_hzm(size, hzm);
       ms.hzm += lap();
@@ -250,23 +463,36 @@ class Frame final : public AnyFrame {
   }
 
   /// The objects that may hide others: those at least so compact, in the order in which their faces are read.
-  static std::vector<std::uint32_t> candidates(const scene::Model<Index>& model, float compactness) {
-    std::vector<std::uint32_t> objects = model.compactness_order;
+  static std::vector<std::uint32_t> all_candidates(const scene::ModelView<Index>& model, float compactness) {
+    std::vector<std::uint32_t> objects(model.compactness_order.begin(), model.compactness_order.end());
     objects.resize(host::compact_objects(model.faces, objects, compactness));
     std::ranges::sort(objects);
     return objects;
   }
 
-  static std::vector<std::uint32_t> mesh_numbers(const std::vector<Object>& objects) {
+  /// Occluders are drawn at full detail.
+  void load_occluders(std::span<const std::uint32_t> occluders) {
+    std::vector<std::uint32_t> counts(model_.view.objects.size(), 0);
+    for (const std::uint32_t i : backend_.download(occluders)) {
+      if (i != no_object) counts[i] = model_.view.meshes[model_.view.objects[i].mesh].max_vertices;
+    }
+    model_.load(counts);
+  }
+
+  static std::vector<std::uint32_t> mesh_numbers(std::span<const Object> objects) {
     std::vector<std::uint32_t> numbers(objects.size());
     std::ranges::transform(objects, numbers.begin(), &Object::mesh);
     return numbers;
   }
 
   Backend backend_;
+  const FrameModel<Index> model_;
+  const StreamOptions options_;
+  const ModelSize all_;
   const bool occlusion_;
   const bool temporal_;
   const std::uint32_t refinement_;
+  const OccluderMeshes<Index> chosen_;  // streamed: what is drawn into the depth
   const Input<Mesh> meshes_;
   const Input<Object> objects_;
   const Input<glm::vec3> vertices_;
@@ -275,6 +501,10 @@ class Frame final : public AnyFrame {
   const Input<std::uint32_t> map_;
   const Input<Box> boxes_;
   const Input<OccluderFace> faces_;
+  const Input<Mesh> occluder_meshes_;
+  const Input<glm::vec3> occluder_vertices_;
+  const Input<Triangle<Index>> occluder_triangles_;
+  const Input<std::uint32_t> occluder_map_;
   Array<std::uint32_t> candidates_;
   Array<std::uint32_t> occluders_, more_occluders_;
   Array<std::uint8_t> visible_, choice_;
@@ -284,10 +514,15 @@ class Frame final : public AnyFrame {
   Array<float> areas_, depths_;
   Array<std::uint64_t> vertex_offsets_, triangle_offsets_;
   Array<BudgetTotals> totals_;
-  std::uint64_t drawn_ = 0;
+  Array<TransferTotals> transfer_totals_;
+  std::optional<typename Backend::template BlockStream<Index>> stream_;
+  MemoryPlan memory_;
+  std::uint64_t planned_ = 0;  // the budget that memory_ is for
+  Sent sent_;
   typename Backend::OccluderWorkspace occluder_workspace_;
   typename Backend::DepthWorkspace depth_workspace_;
   typename Backend::BudgetWorkspace budget_workspace_;
+  typename Backend::TransferWorkspace transfer_workspace_;
   typename Backend::template ReformWorkspace<Index> reform_workspace_;
 };
 

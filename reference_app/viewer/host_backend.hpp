@@ -5,17 +5,20 @@
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <tuple>
 #include <type_traits>
 #include <vector>
 
+#include "pgl/host/block_stream.hpp"
 #include "pgl/host/build_hzm.hpp"
 #include "pgl/host/cull_frustum.hpp"
 #include "pgl/host/cull_occluded.hpp"
 #include "pgl/host/distribute_budget.hpp"
 #include "pgl/host/gather.hpp"
 #include "pgl/host/keep_flagged.hpp"
+#include "pgl/host/limit_transfer.hpp"
 #include "pgl/host/project.hpp"
 #include "pgl/host/rasterize_depth.hpp"
 #include "pgl/host/reform.hpp"
@@ -35,6 +38,10 @@ class HostBackend {
   using OccluderWorkspace = host::OccluderWorkspace;
   using DepthWorkspace = host::DepthWorkspace;
   using BudgetWorkspace = host::BudgetWorkspace;
+  using TransferWorkspace = host::TransferWorkspace;
+  template <class Index>
+  using BlockStream = host::BlockStream<glm::vec3, Index>;
+  static constexpr bool copies = false;
   template <class Index>
   using ReformWorkspace = host::ReformWorkspace<Index>;
 
@@ -57,9 +64,29 @@ class HostBackend {
     *totals = host::distribute_budget(areas, depths, min_vertices, max_vertices, options, workspace, counts);
   }
   void lay_out(auto&&... arguments) { host::lay_out(arguments...); }
+  void limit_transfer(auto&& areas, auto&& depths, auto&& min_vertices, auto&& max_vertices, auto&& weight,
+                      auto&& wanted, auto&& previous, auto&& mesh_of_object, auto&& meshes, auto&& map, auto&& options,
+                      auto&& workspace, auto&& counts, TransferTotals* totals) {
+    *totals = host::limit_transfer(areas, depths, min_vertices, max_vertices, weight, wanted, previous, mesh_of_object,
+                                   meshes, map, options, workspace, counts);
+  }
   void reform(auto&&... arguments) { host::reform(arguments...); }
   void gather(auto&&... arguments) { host::gather(arguments...); }
+  void reform_block(auto&&... arguments) { host::reform_block(arguments...); }
+  void gather_block(auto&&... arguments) { host::gather_block(arguments...); }
   void finish() {}
+
+  template <class Index>
+  void reserve(BlockStream<Index>& stream, std::size_t objects, std::uint64_t vertices, std::uint64_t triangles,
+               std::uint64_t) {
+    stream.reserve(objects, vertices, triangles);
+  }
+  void begin(auto& stream, auto&&... arguments) { stream.begin(arguments...); }
+  DeltaSize send(auto& stream, auto&&... arguments) { return stream.send(arguments...); }
+  void apply(auto& stream) { stream.apply(); }
+  std::uint64_t memory_used() const { return 0; }
+  static std::optional<std::uint64_t> memory_free() { return {}; }
+  void prepare_drawing(std::size_t, std::size_t) {}
 
   template <class... T>
   std::tuple<T...> fetch(const T*... values) {

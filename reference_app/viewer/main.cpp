@@ -22,11 +22,12 @@
 
 #include "pgl/host/parallel.hpp"
 #include "scene/build_model.hpp"
-#include "scene/for_each.hpp"
+#include "scene/build_plant.hpp"
 #include "scene/import.hpp"
+#include "scene/model_file.hpp"
+#include "scene/model_view.hpp"
 #include "scene/plant.hpp"
 #include "scene/progress_line.hpp"
-#include "scene/weld.hpp"
 #include "viewer/camera.hpp"
 #include "viewer/context.hpp"
 #include "viewer/cuda_frame.hpp"
@@ -34,6 +35,7 @@
 #include "viewer/host_backend.hpp"
 #include "viewer/options.hpp"
 #include "viewer/output.hpp"
+#include "viewer/prefetcher.hpp"
 #include "viewer/reference.hpp"
 #include "viewer/renderer.hpp"
 #include "viewer/report.hpp"
@@ -58,26 +60,6 @@ scene::Scene import_files(const Options& options, const scene::Progress& progres
   return all;
 }
 
-/// Preprocesses the plant, which never exists as a whole before that: objects are made twice, to be counted and to be
-/// kept. Its faces come unstitched, as those of real models do.
-scene::AnyModel build_plant(const Options& options, const scene::Progress& progress, scene::BuildReport& report) {
-  const auto make = [&](std::size_t i, scene::MeshData& mesh) {
-    scene::plant_object(options.plant, i, mesh);
-    if (options.import.weld) scene::weld(mesh);
-  };
-  std::vector<scene::MeshSize> sizes(options.plant.objects);
-  std::vector<scene::MeshData> scratch(host::thread_count());
-  scene::for_each(sizes.size(), progress, "plant", [&](std::size_t i) {
-    scene::MeshData& mesh = scratch[host::thread_index()];
-    make(i, mesh);
-    sizes[i] = {mesh.positions.size(), mesh.triangles.size()};
-  });
-  const scene::MeshSource source{sizes.size(), [&](std::size_t i) { return sizes[i]; }, make};
-  std::vector<Object> objects(source.count);
-  for (std::size_t i = 0; i < source.count; ++i) objects[i].mesh = static_cast<std::uint32_t>(i);
-  return scene::build_any_model(source, std::move(objects), options.ecol, progress, &report);
-}
-
 /// Where the camera starts: as told, else at the overview that the plant comes with, else with the whole model in view.
 Camera first_camera(const Options& options, const Box& box) {
   Camera camera;
@@ -85,10 +67,11 @@ Camera first_camera(const Options& options, const Box& box) {
     const scene::PlantCamera plant = scene::plant_camera(options.plant);
     camera = {plant.position, plant.target, plant.up, glm::degrees(double{plant.vertical_fov})};
   }
+  if (options.up) camera.up = *options.up;
   if (options.camera) {
     return {options.camera->eye, options.camera->target, camera.up, options.camera->fov_degrees.value_or(45.0)};
   }
-  if (options.files.empty()) return camera;
+  if (options.files.empty() && !options.up) return camera;
   return fit_camera(box, camera.up, 45.0, static_cast<double>(options.width) / options.height);
 }
 
@@ -111,28 +94,38 @@ class Times {
   }
   std::size_t frames() const { return frame_.size(); }
 
-  /// Appends the median of each, those of occlusion culling only `with_occlusion`.
-  void report(bool with_occlusion, std::vector<std::pair<std::string, double>>& ms) {
-    for (std::size_t i = 0; i < steps.size(); ++i) {
-      if (with_occlusion || !steps[i].occlusion) ms.emplace_back(steps[i].name, median(steps_[i]));
+  const std::vector<double>& frames_ms() const { return frame_; }
+
+  /// Appends the medians: of the steps, if they were `timed`, without those that no frame needed; of drawing and of
+  /// whole frames, and the worst frame.
+  void report(bool timed, std::vector<std::pair<std::string, double>>& ms) {
+    for (std::size_t i = 0; timed && i < steps.size(); ++i) {
+      const bool taken = std::ranges::any_of(steps_[i], [](double time) { return time > 0.0; });
+      if (taken || !steps[i].optional) ms.emplace_back(steps[i].name, median(steps_[i]));
     }
     ms.emplace_back("draw", median(draw_));
-    ms.emplace_back("frame", median(frame_));
+    std::vector<double> frames = frame_;
+    ms.emplace_back("frame", median(frames));
+    ms.emplace_back("worst frame", frames.empty() ? 0.0 : *std::ranges::max_element(frames));
   }
 
  private:
   struct Step {
     const char* name;
     double FrameTimes::*of;
-    bool occlusion;
+    bool optional;
   };
-  static constexpr std::array<Step, 10> steps = {{{"cull", &FrameTimes::cull, false},
+  static constexpr std::array<Step, 14> steps = {{{"cull", &FrameTimes::cull, false},
                                                   {"occluders", &FrameTimes::occluders, true},
                                                   {"depth", &FrameTimes::depth, true},
                                                   {"hzm", &FrameTimes::hzm, true},
                                                   {"occlusion", &FrameTimes::occlusion, true},
                                                   {"project", &FrameTimes::project, false},
                                                   {"budget", &FrameTimes::budget, false},
+                                                  {"load", &FrameTimes::load, true},
+                                                  {"limit", &FrameTimes::limit, true},
+                                                  {"send", &FrameTimes::send, true},
+                                                  {"defragment", &FrameTimes::defragment, true},
                                                   {"reform", &FrameTimes::reform, false},
                                                   {"gather", &FrameTimes::gather, false},
                                                   {"upload", &FrameTimes::upload, false}}};
@@ -142,8 +135,8 @@ class Times {
 
 /// The reference picture of what a frame chose, as large as the frame's own.
 template <class Index>
-Image draw_reference(const scene::Model<Index>& model, const Selection& selection, const Camera& camera,
-                     const View& seen, Box box, double extent) {
+Image draw_reference(const FrameModel<Index>& model, const Selection& selection, const Camera& camera, const View& seen,
+                     Box box, double extent) {
   const auto width = static_cast<int>(seen.width), height = static_cast<int>(seen.height);
   const Camera outside = reference_camera(box, camera, static_cast<double>(width) / height);
   box.min = glm::min(box.min, glm::vec3(camera.eye));
@@ -163,14 +156,28 @@ std::string title_of(std::uint64_t budget, std::size_t triangles, double ms) {
 }
 
 template <class Index>
-std::unique_ptr<AnyFrame> make_frame(const Options& options, const scene::Model<Index>& model, Renderer& renderer) {
+std::unique_ptr<AnyFrame> make_frame(const Options& options, const FrameModel<Index>& model, Renderer& renderer) {
+  const FrameOptions frame{options.min_triangles, options.occlusion, options.stream};
   if constexpr (built_with_cuda) {
     if (options.backend == BackendKind::cuda) {
-      return make_cuda_frame(model, options.min_triangles, options.occlusion, renderer.buffers(), renderer.vendor());
+      return make_cuda_frame(model, frame, renderer.buffers(), renderer.vendor());
     }
   }
-  return std::make_unique<Frame<HostBackend, Index>>(model, options.min_triangles, options.occlusion,
-                                                     renderer.buffers());
+  return std::make_unique<Frame<HostBackend, Index>>(model, frame, renderer.buffers());
+}
+
+/// The model of a file as a frame reads it: checked part by part.
+template <class Index>
+FrameModel<Index> model_of(scene::ModelFile& file, std::uint32_t min_triangles) {
+  FrameModel<Index> model{file.view<Index>(), {}, {}, {}};
+  if (min_triangles > 0) file.require_map();
+  model.load = [&file](std::span<const std::uint32_t> counts) { file.require(counts); };
+  model.load_maps = [&file](std::span<const std::uint32_t>) { file.require_map(); };
+  model.load_tables = [&file] {
+    file.require_map();
+    file.require_ecol();
+  };
+  return model;
 }
 
 /// With occlusion culling one sample a pixel: what is hidden from all centres may show at another sample.
@@ -178,8 +185,23 @@ int samples_of(const Options& options) {
   return options.occlusion.mode == OcclusionMode::off ? 4 : 1;
 }
 
+/// How many frames a flight takes where nobody says when to stop.
+constexpr int flight_frames = 600;
+
+/// The camera of frame number `frame`, on from that of the frame before.
+void move_on(const Options& options, const Box& box, double aspect, int frame, int last_frame, Camera& camera) {
+  if (options.fly) {
+    const int flight = last_frame > 0 ? last_frame : flight_frames;
+    camera = fly(box, camera.up, camera.fov_degrees, aspect, frame % flight / std::max(1.0, flight - 1.0));
+  } else if (options.orbit && frame > 0) {
+    orbit(camera, glm::radians(1.0), 0.0);
+  }
+}
+
 template <class Index>
-void show(const Options& options, const scene::Model<Index>& model, Window* window, Report& report) {
+void show(const Options& options, const FrameModel<Index>& from, scene::ModelFile* file, Window* window,
+          Report& report) {
+  const scene::ModelView<Index>& model = from.view;
   Renderer renderer;
   int width = options.width, height = options.height;
   if (window == nullptr) renderer.draw_offscreen(width, height, samples_of(options));
@@ -195,39 +217,55 @@ void show(const Options& options, const scene::Model<Index>& model, Window* wind
     window->show(state, extent, std::uint64_t{1} << 32);
   }
 
-  const std::unique_ptr<AnyFrame> frame = make_frame(options, model, renderer);
+  const std::unique_ptr<AnyFrame> frame = make_frame(options, from, renderer);
+  std::optional<Prefetcher<Index>> prefetcher;
+  if (file != nullptr && options.prefetch) prefetcher.emplace(*file, model, options.min_triangles);
   const BackendInfo info = frame->info();
   if (!info.note.empty()) std::fprintf(stderr, "pgl_viewer: %s\n", info.note.c_str());
   const int last_frame = options.frames > 0 ? options.frames : window == nullptr ? 1 : 0;
   Times times;
   View view;
+  Camera last_camera = state.camera;
   for (int done = 0; last_frame == 0 || done < last_frame; ++done) {
     if (window != nullptr) {
-      if (!window->handle_events(done > 0 && last_frame == 0 && !options.orbit)) break;
+      if (!window->handle_events(done > 0 && last_frame == 0 && !options.orbit && !options.fly)) break;
       window->size(width, height);
       width = std::max(width, 1);  // minimised
       height = std::max(height, 1);
     }
-    if (options.orbit && done > 0) orbit(state.camera, glm::radians(1.0), 0.0);
+    const double aspect = static_cast<double>(width) / height;
+    move_on(options, box, aspect, done, last_frame, state.camera);
 
     Stopwatch whole;
     view = view_of(state.camera, box, width, height);
     BudgetOptions distribution = options.distribution;
     distribution.budget = state.budget;
+    if (prefetcher) {
+      Camera next = state.camera;
+      if (options.fly || options.orbit) {
+        move_on(options, box, aspect, done + 1, last_frame, next);
+      } else if (done > 0) {  // on as it went
+        next.eye += state.camera.eye - last_camera.eye;
+        next.target += state.camera.target - last_camera.target;
+      }
+      if (next.eye != next.target) prefetcher->want(view_of(next, box, width, height), distribution);
+    }
+    last_camera = state.camera;
     const FrameTimes ms = frame->run(view, distribution);
     Stopwatch watch;
-    renderer.draw(view, state.camera, extent, state.wireframe);
+    renderer.draw(view, state.camera, extent, state.wireframe, !options.stream.overlap);
     const double draw = watch.lap();
     const double total = whole.lap();
     times.add(ms, draw, total);
     if (options.checksums) report.checksums.push_back(renderer.buffers().checksum());
+    if (frame->memory().streams) report.sent.push_back(frame->sent());
 
     if (window != nullptr) {
       if (std::exchange(state.take_picture, false)) {
         const std::string path = options.output.empty() ? "pgl.png" : options.output;
-        const PendingFile file{"P", path, encode_png("P", renderer.read(width, height))};
+        const PendingFile picture{"P", path, encode_png("P", renderer.read(width, height))};
         try {
-          write_files({&file, 1});
+          write_files({&picture, 1});
         } catch (const std::runtime_error& error) {  // no reason to close the window
           std::fprintf(stderr, "pgl_viewer: %s\n", error.what());
         }
@@ -238,19 +276,25 @@ void show(const Options& options, const scene::Model<Index>& model, Window* wind
   }
 
   report.budget = state.budget;
-  report.drawn_objects = frame->objects_drawn();
   report.drawn_vertices = renderer.buffers().vertices();
   report.drawn_triangles = renderer.buffers().triangles();
   report.frames = static_cast<int>(times.frames());
   Selection selection;
   if (report.frames > 0) selection = frame->selection();
+  report.drawn_objects = selection.counts.size() - static_cast<std::size_t>(std::ranges::count(selection.counts, 0u));
+  report.memory = frame->memory();
+  if (file != nullptr) {
+    report.file_bytes = file->bytes();
+    report.file_bytes_read = file->bytes_verified();
+  }
+  if (options.checksums) report.frame_ms = times.frames_ms();
   const auto none = [](const std::vector<std::uint8_t>& flags) {
     return static_cast<std::uint64_t>(std::ranges::count(flags, std::uint8_t{0}));
   };
   report.culled_frustum = none(selection.in_view);
   report.culled_occlusion = none(selection.visible) - report.culled_frustum;
   report.occluders = selection.occluders.size();
-  times.report(options.occlusion.mode != OcclusionMode::off, report.ms);
+  times.report(!options.stream.overlap, report.ms);
   report.width = width;
   report.height = height;
   report.samples = renderer.samples();
@@ -272,7 +316,7 @@ void show(const Options& options, const scene::Model<Index>& model, Window* wind
     files.push_back({"--stats", options.stats, to_json(report)});
   }
   if (!options.reference.empty() && report.frames > 0) {
-    const Image image = draw_reference(model, selection, state.camera, view, box, extent);
+    const Image image = draw_reference(from, selection, state.camera, view, box, extent);
     files.push_back({"--reference", options.reference, encode_png("--reference", image)});
   }
   write_files(files);
@@ -288,8 +332,16 @@ void run(const Options& options) {
   const scene::Progress progress = std::ref(line);
 
   Stopwatch watch;
-  scene::Scene imported = import_files(options, progress);
-  report.ms.emplace_back("import", watch.lap());
+  scene::Scene imported;
+  std::optional<scene::ModelFile> file;
+  double open_ms = 0.0;
+  if (options.preprocessed) {
+    file.emplace(options.files.front());
+    open_ms = watch.lap();
+  } else {
+    imported = import_files(options, progress);
+    report.ms.emplace_back("import", watch.lap());
+  }
 
   // Before the long work, so that it is not for nothing; after the import, which forks.
   std::unique_ptr<Window> window;
@@ -304,27 +356,40 @@ void run(const Options& options) {
     offscreen = std::make_unique<OffscreenContext>(gpu);
   }
 
+  const auto show_model = [&]<class Index>(const FrameModel<Index>& model, scene::ModelFile* mapped) {
+    const ModelSize size = size_of(model.view);
+    report.objects = model.view.objects.size();
+    report.meshes = model.view.meshes.size();
+    report.model_vertices = size.vertices;
+    report.model_triangles = size.triangles;
+    line.clear();
+    show(options, model, mapped, window.get(), report);
+  };
   watch.lap();
-  scene::BuildReport built;
-  const scene::AnyModel any_model = options.files.empty()
-                                        ? build_plant(options, progress, built)
-                                        : scene::build_any_model(std::move(imported), options.ecol, progress, &built);
-  report.ms.emplace_back("preprocess", watch.lap());
-  report.open_vertices = built.open_vertices;
-  line.clear();
-
-  std::visit(
-      [&](const auto& model) {
-        report.objects = model.objects.size();
-        report.meshes = model.meshes.size();
-        for (const Object& object : model.objects) {
-          const Mesh& mesh = model.meshes[object.mesh];
-          report.model_vertices += mesh.max_vertices;
-          report.model_triangles += triangles_at(mesh, model.map.data(), mesh.max_vertices);
-        }
-        show(options, model, window.get(), report);
-      },
-      any_model);
+  if (file) {
+    if (file->wide()) {
+      const auto model = model_of<std::uint32_t>(*file, options.min_triangles);
+      report.ms.emplace_back("open", open_ms + watch.lap());
+      show_model(model, &*file);
+    } else {
+      const auto model = model_of<std::uint16_t>(*file, options.min_triangles);
+      report.ms.emplace_back("open", open_ms + watch.lap());
+      show_model(model, &*file);
+    }
+  } else {
+    scene::BuildReport built;
+    const scene::AnyModel any_model = options.files.empty()
+                                          ? scene::build_plant(options.plant, 0, options.plant.objects,
+                                                               options.import.weld, options.ecol, progress, &built)
+                                          : scene::build_any_model(std::move(imported), options.ecol, progress, &built);
+    report.ms.emplace_back("preprocess", watch.lap());
+    report.open_vertices = built.open_vertices;
+    std::visit(
+        [&]<class Index>(const scene::Model<Index>& model) {
+          show_model(FrameModel<Index>{scene::ModelView<Index>(model), {}, {}, {}}, nullptr);
+        },
+        any_model);
+  }
   std::fputs(to_table(report).c_str(), stdout);
 }
 

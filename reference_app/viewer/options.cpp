@@ -58,11 +58,11 @@ class Parser {
   }
 
   template <class T>
-  void add_choice(const std::string& name, T& value, std::vector<std::pair<std::string, T>> choices,
-                  const std::string& help) {
+  CLI::Option* add_choice(const std::string& name, T& value, std::vector<std::pair<std::string, T>> choices,
+                          const std::string& help) {
     std::string names;
     for (const auto& choice : choices) names += (names.empty() ? "" : "|") + choice.first;
-    add(name, help, [=, &value](const std::string& text) {
+    CLI::Option* option = add(name, help, [=, &value](const std::string& text) {
       for (const auto& [known, meaning] : choices) {
         if (text == known) {
           value = meaning;
@@ -70,7 +70,8 @@ class Parser {
         }
       }
       refuse(name, "needs " + names + ", not '" + text + "'");
-    })->type_name(names);
+    });
+    return option->type_name(names);
   }
 
   CLI::Option* add(const std::string& name, const std::string& help, std::function<void(const std::string&)> read) {
@@ -97,7 +98,9 @@ std::optional<Options> parse_options(int argc, const char* const* argv) {
   CLI::App& app = parser.app;
   app.set_version_flag("--version", "pgl_viewer " + pgl_version());
 
-  app.add_option("files", options.files, "Models: OBJ, PLY, STL, glTF, GLB; none: a made-up plant")->type_name("");
+  app.add_option("files", options.files,
+                 "Models: OBJ, PLY, STL, glTF, GLB, or one .pgl of pgl_preprocess; none: a made-up plant")
+      ->type_name("");
   app.option_defaults()->multi_option_policy(CLI::MultiOptionPolicy::TakeLast);  // an option given twice: the last
   CLI::Option* objects = parser.add_number("--objects", options.plant.objects, std::size_t{1}, std::size_t{718'000},
                                            "Objects of the plant [2000]");
@@ -105,18 +108,18 @@ std::optional<Options> parse_options(int argc, const char* const* argv) {
                                         std::numeric_limits<std::uint64_t>::max(), "Seed of the plant [1]");
   CLI::Option* split = app.add_flag("--split", options.import.split, "Every connected part becomes an object");
   CLI::Option* flatten = app.add_flag("--flatten", options.import.flatten, "No shared meshes: one per object");
-  app.add_flag("--weld,!--no-weld", options.import.weld, "Merge identical vertices [on]");
+  CLI::Option* weld = app.add_flag("--weld,!--no-weld", options.import.weld, "Merge identical vertices [on]");
   bool refuse_non_finite = false;
   CLI::Option* strict = app.add_flag("--refuse-non-finite", refuse_non_finite,
                                      "Refuse a file with NaN or infinite vertices instead of dropping their objects");
 
-  parser.add_choice<CostMetric>(
+  CLI::Option* metric = parser.add_choice<CostMetric>(
       "--metric", options.ecol.metric,
       {{"quadric", CostMetric::quadric}, {"melax", CostMetric::melax}, {"edge-length", CostMetric::edge_length}},
       "What a collapse costs [quadric]");
-  parser.add_choice<BoundaryRule>("--boundary", options.ecol.boundary,
-                                  {{"locked", BoundaryRule::locked}, {"slide", BoundaryRule::slide}},
-                                  "What vertices on open edges do [locked]");
+  CLI::Option* boundary = parser.add_choice<BoundaryRule>(
+      "--boundary", options.ecol.boundary, {{"locked", BoundaryRule::locked}, {"slide", BoundaryRule::slide}},
+      "What vertices on open edges do [locked]");
 
   parser
       .add("--budget", "Vertices to draw, at most 2^32 [1000000]",
@@ -162,32 +165,65 @@ std::optional<Options> parse_options(int argc, const char* const* argv) {
   CLI::Option* refine = parser.add_number("--refine", options.occlusion.refinement, 0u, 16u,
                                           "Levels of finer tests, 0 to 16, where 2x2 texels do not tell [2]");
 
-  parser
-      .add("--camera", "Eye, target, vertical field of view in degrees [whole model]",
-           [&](const std::string& text) {
-             constexpr double most = 1e30;
-             std::vector<double> numbers;
-             for (const std::string_view part : cut(text, ',')) {
-               const auto given = number<double>(part, -most, most);
-               if (!given) refuse("--camera", "'" + std::string(part) + "' is not a number from -1e30 to 1e30");
-               numbers.push_back(*given);
-             }
-             if (numbers.size() != 6 && numbers.size() != 7) {
-               refuse("--camera", "needs 6 or 7 numbers, not " + std::to_string(numbers.size()));
-             }
-             CameraOption camera;
-             camera.eye = {numbers[0], numbers[1], numbers[2]};
-             camera.target = {numbers[3], numbers[4], numbers[5]};
-             if (!(glm::distance(camera.eye, camera.target) > 0.0)) refuse("--camera", "eye and target coincide");
-             if (numbers.size() == 7) {
-               if (!(numbers[6] >= 1.0 && numbers[6] <= 170.0)) {
-                 refuse("--camera", "the field of view must be from 1 to 170 degrees");
-               }
-               camera.fov_degrees = numbers[6];
-             }
-             options.camera = camera;
-           })
-      ->type_name("ex,ey,ez,tx,ty,tz[,fov]");
+  parser.add_choice<StreamMode>(
+      "--stream", options.stream.mode,
+      {{"auto", StreamMode::automatic}, {"always", StreamMode::always}, {"never", StreamMode::never}},
+      "Send vertices and triangles as frames need them, not the whole model: auto, where it does not fit [auto]");
+  const auto add_bytes = [&](const std::string& name, std::optional<std::uint64_t>& bytes, const std::string& help) {
+    return parser
+        .add(name, help,
+             [name, &bytes](const std::string& text) {
+               const std::string_view units = "KMG";
+               const std::size_t unit = text.empty() ? units.npos : units.find(text.back());
+               const int shift = unit == units.npos ? 0 : 10 * (static_cast<int>(unit) + 1);
+               const auto given = number<std::uint64_t>(std::string_view(text).substr(0, text.size() - (shift > 0)), 0,
+                                                        std::uint64_t{1} << (50 - shift));
+               if (!given) refuse(name, "needs bytes, as 1500000, 64K, 200M or 6G, up to 2^50, not '" + text + "'");
+               bytes = *given << shift;
+             })
+        ->type_name("BYTES");
+  };
+  add_bytes("--gpu-memory", options.stream.gpu_memory,
+            "What all frames may take there at most; K, M, G for KiB, MiB, GiB [what is free]");
+  CLI::Option* transfer = add_bytes("--transfer", options.stream.transfer,
+                                    "What a streamed frame may send at most: detail arrives over several [no limit]");
+  CLI::Option* overlap = app.add_flag("--overlap", options.stream.overlap,
+                                      "Prepare a streamed frame while the last one is drawn; steps are not timed");
+  CLI::Option* prefetch = app.add_flag("--prefetch,!--no-prefetch", options.prefetch,
+                                       "Read a .pgl file ahead of the frames, on a thread of its own [on]");
+
+  parser.add_choice<std::optional<glm::dvec3>>(
+      "--up", options.up,
+      {{"x", glm::dvec3(1.0, 0.0, 0.0)}, {"y", glm::dvec3(0.0, 1.0, 0.0)}, {"z", glm::dvec3(0.0, 0.0, 1.0)}},
+      "Which axis of the model points up [z of the plant, y of files]");
+  CLI::Option* camera =
+      parser
+          .add("--camera", "Eye, target, vertical field of view in degrees [whole model]",
+               [&](const std::string& text) {
+                 constexpr double most = 1e30;
+                 std::vector<double> numbers;
+                 for (const std::string_view part : cut(text, ',')) {
+                   const auto given = number<double>(part, -most, most);
+                   if (!given) refuse("--camera", "'" + std::string(part) + "' is not a number from -1e30 to 1e30");
+                   numbers.push_back(*given);
+                 }
+                 if (numbers.size() != 6 && numbers.size() != 7) {
+                   refuse("--camera", "needs 6 or 7 numbers, not " + std::to_string(numbers.size()));
+                 }
+                 CameraOption given_camera;
+                 given_camera.eye = {numbers[0], numbers[1], numbers[2]};
+                 given_camera.target = {numbers[3], numbers[4], numbers[5]};
+                 if (!(glm::distance(given_camera.eye, given_camera.target) > 0.0))
+                   refuse("--camera", "eye and target coincide");
+                 if (numbers.size() == 7) {
+                   if (!(numbers[6] >= 1.0 && numbers[6] <= 170.0)) {
+                     refuse("--camera", "the field of view must be from 1 to 170 degrees");
+                   }
+                   given_camera.fov_degrees = numbers[6];
+                 }
+                 options.camera = given_camera;
+               })
+          ->type_name("ex,ey,ez,tx,ty,tz[,fov]");
   parser
       .add("--size", "Pixels, 1 to 16384 each way [1280x720]",
            [&](const std::string& text) {
@@ -202,7 +238,8 @@ std::optional<Options> parse_options(int argc, const char* const* argv) {
            })
       ->type_name("WxH");
   app.add_flag("--wireframe", options.wireframe, "Draw the edges of the triangles");
-  app.add_flag("--orbit", options.orbit, "Turn the camera around the model by a degree a frame");
+  CLI::Option* orbit = app.add_flag("--orbit", options.orbit, "Turn the camera around the model by a degree a frame");
+  app.add_flag("--fly", options.fly, "Fly the camera through the model, once in all --frames");
   app.add_flag("--headless", options.headless, "No window, even where there is a display");
   parser.add_number("--frames", options.frames, 1, 1'000'000, "Frames before it ends [1 headless, no end in a window]");
   CLI::Option* output =
@@ -240,6 +277,27 @@ std::optional<Options> parse_options(int argc, const char* const* argv) {
     for (const CLI::Option* option : {aos, compactness, refine}) {
       if (option->count() > 0) refuse(option->get_name(), "is for --occlusion on or temporal");
     }
+  }
+  if (options.stream.mode == StreamMode::never) {
+    for (const CLI::Option* option : {transfer, overlap}) {
+      if (option->count() > 0) refuse(option->get_name(), "is for streamed frames, and --stream says never");
+    }
+  }
+  if (options.fly) {
+    for (const CLI::Option* option : {orbit, camera}) {
+      if (option->count() > 0) refuse(option->get_name(), "and --fly are different cameras");
+    }
+  }
+  const auto is_preprocessed = [](const std::string& file) { return file.ends_with(".pgl"); };
+  options.preprocessed = std::ranges::any_of(options.files, is_preprocessed);
+  if (options.preprocessed) {
+    if (options.files.size() > 1)
+      refuse(*std::ranges::find_if(options.files, is_preprocessed), "must be the only file");
+    for (const CLI::Option* option : {split, flatten, weld, strict, metric, boundary}) {
+      if (option->count() > 0) refuse(option->get_name(), "is for pgl_preprocess, which made this model");
+    }
+  } else if (prefetch->count() > 0) {
+    refuse("--prefetch", "is for a .pgl file, and none is given");
   }
   if (refuse_non_finite) options.import.non_finite = scene::NonFinite::refuse_file;
   struct Written {

@@ -14,6 +14,7 @@
 #include "scene/plant.hpp"
 #include "viewer/camera.hpp"
 #include "viewer/occlusion.hpp"
+#include "viewer/streaming.hpp"
 
 namespace pgl::viewer {
 
@@ -28,6 +29,7 @@ enum class BackendKind { host, cuda };
 
 struct Options {
   std::vector<std::string> files;  ///< none: the procedural plant
+  bool preprocessed = false;       ///< the one file is a model file, .pgl
   scene::PlantOptions plant{.objects = 2000};
   scene::ImportOptions import;
   EcolOptions ecol;
@@ -37,11 +39,15 @@ struct Options {
   BudgetOptions distribution;        ///< its budget, near_depth and viewport_area are set for each frame
   BackendKind backend = BackendKind::host;
   OcclusionOptions occlusion;
+  StreamOptions stream;
+  bool prefetch = true;  ///< a model file is read ahead of the frames
 
+  std::optional<glm::dvec3> up;        ///< the world's up axis; none: z of the plant, y of files
   std::optional<CameraOption> camera;  ///< none: the whole model
   int width = 1280, height = 720;      ///< pixels, 1..16384
   bool wireframe = false;
   bool orbit = false;     ///< the camera turns by one degree a frame
+  bool fly = false;       ///< the camera flies through the model, once in all the frames
   bool headless = false;  ///< draw offscreen even where there is a display
   int frames = 0;         ///< then stop; 0: one offscreen, no end in a window
 

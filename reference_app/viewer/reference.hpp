@@ -15,7 +15,7 @@
 #include "pgl/host/project.hpp"
 #include "pgl/host/reform.hpp"
 #include "pgl/types.hpp"
-#include "scene/build_model.hpp"
+#include "scene/model_view.hpp"
 #include "viewer/buffers.hpp"
 #include "viewer/frame.hpp"
 #include "viewer/renderer.hpp"
@@ -27,8 +27,9 @@ namespace pgl::viewer {
 /// vertices as `outside` sees them. Objects in the frustum that the frame does not draw are left out. Returns the boxes
 /// of those that are hidden. Throws std::runtime_error where 32-bit indices do not suffice.
 template <class Index>
-std::vector<Box> fill_reference(const scene::Model<Index>& model, const Selection& selection, const View& outside,
+std::vector<Box> fill_reference(const FrameModel<Index>& from, const Selection& selection, const View& outside,
                                 DrawBuffers& buffers) {
+  const scene::ModelView<Index>& model = from.view;
   const std::size_t n = model.objects.size();
   std::vector<Box> hidden;
   std::vector<Role> roles(n, Role::drawn);
@@ -59,6 +60,7 @@ std::vector<Box> fill_reference(const scene::Model<Index>& model, const Selectio
     counts[i] = most[i];
   }
 
+  if (from.load) from.load(counts);
   std::vector<std::uint64_t> vertex_offsets(n + 1), triangle_offsets(n + 1);
   host::lay_out(counts, mesh_of_object, model.meshes, model.map, triangle_counts, vertex_offsets, triangle_offsets);
   if (vertex_offsets[n] > std::numeric_limits<std::uint32_t>::max()) {

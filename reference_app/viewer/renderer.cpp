@@ -378,11 +378,15 @@ void Renderer::draw_triangles(const Program& program, const View& view, const Ca
   buffers_.draw();
 }
 
-void Renderer::draw(const View& view, const Camera& camera, double extent, bool wireframe) {
+void Renderer::draw(const View& view, const Camera& camera, double extent, bool wireframe, bool wait) {
   if (wireframe && wire_.name == 0) wire_ = build(Style::wireframe);
   begin(view);
   draw_triangles(wireframe ? wire_ : shaded_, view, camera, extent);
-  glFinish();
+  if (wait) {
+    glFinish();
+  } else {
+    glFlush();
+  }
   check("drawing");
 }
 

@@ -32,9 +32,9 @@ class Renderer {
   /// What draw() draws.
   DrawBuffers& buffers() { return buffers_; }
 
-  /// Draws the triangles of buffers() on a background and waits until the picture is there.
+  /// Draws the triangles of buffers() on a background and, if told to, waits until the picture is there.
   /// `extent`: the size of the model, the unit of the haze.
-  void draw(const View& view, const Camera& camera, double extent, bool wireframe);
+  void draw(const View& view, const Camera& camera, double extent, bool wireframe, bool wait = true);
 
   /// Draws the triangles of buffers(), whose vertices have a Role for their object, in muted colours; over them the
   /// edges of the frustum of `seen`, and those of `boxes` in red: full where they are in front, faint where not.

@@ -27,6 +27,13 @@ std::string to_json(const Report& report) {
   };
   Json checksums = Json::array();
   for (const std::uint64_t checksum : report.checksums) checksums.push_back(hex(checksum));
+  Json sent = Json::array();
+  for (const Sent& frame : report.sent) {
+    sent.push_back({{"vertices", frame.vertices},
+                    {"triangles", frame.triangles},
+                    {"bytes", frame.bytes},
+                    {"missing_bytes", frame.missing_bytes}});
+  }
   const Json json = {{"pgl", pgl_version()},
                      {"objects", report.objects},
                      {"model",
@@ -43,7 +50,18 @@ std::string to_json(const Report& report) {
                      {"checksums", checksums},
                      {"culled", {{"frustum", report.culled_frustum}, {"occlusion", report.culled_occlusion}}},
                      {"occluders", report.occluders},
+                     {"stream",
+                      {{"streams", report.memory.streams},
+                       {"sent", sent},
+                       {"memory",
+                        {{"resident", report.memory.resident},
+                         {"blocks", report.memory.blocks},
+                         {"drawn", report.memory.drawn},
+                         {"vertices", report.memory.vertices},
+                         {"triangles", report.memory.triangles}}}}},
+                     {"file", {{"bytes", report.file_bytes}, {"bytes_read", report.file_bytes_read}}},
                      {"ms", ms},
+                     {"frame_ms", report.frame_ms},
                      {"frames", report.frames},
                      {"threads", report.threads},
                      {"size", {report.width, report.height}},
@@ -85,6 +103,21 @@ std::string to_table(const Report& report) {
   line("culled, occlusion", grouped(report.culled_occlusion));
   line("occluders", grouped(report.occluders));
   line("backend", report.backend);
+  if (report.memory.streams && !report.sent.empty()) {
+    Sent all, most;
+    for (const Sent& frame : report.sent) {
+      all.bytes += frame.bytes;
+      most.bytes = std::max(most.bytes, frame.bytes);
+    }
+    line("streamed, KiB a frame", grouped(all.bytes / report.sent.size() / 1024));
+    line("most of a frame, KiB", grouped(most.bytes / 1024));
+    line("still missing, KiB", grouped(report.sent.back().missing_bytes / 1024));
+    line("memory planned, MiB", grouped((report.memory.resident + report.memory.blocks + report.memory.drawn) >> 20));
+  }
+  if (report.file_bytes > 0) {
+    line("model file, MiB", grouped(report.file_bytes >> 20));
+    line("read of it, MiB", grouped(report.file_bytes_read >> 20));
+  }
   for (const auto& [step, time] : report.ms) {
     char value[32];
     std::snprintf(value, sizeof value, "%.2f", time);

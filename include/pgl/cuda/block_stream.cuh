@@ -76,11 +76,11 @@ class BlockStream {
     const std::size_t offset_bytes = (objects + 1) * sizeof(std::uint64_t);
     for (Selection& selection : selections_) {
       PGL_CUDA_TRY(selection.counts.reserve(std::max<std::size_t>(1, objects) * sizeof(std::uint32_t)));
-      PGL_CUDA_TRY(cudaMemset(selection.counts.at<void>(), 0, objects * sizeof(std::uint32_t)));
+      PGL_CUDA_TRY(cudaMemset(selection.counts.template at<std::byte>(), 0, objects * sizeof(std::uint32_t)));
       for (Offsets* offsets : {&selection.vertices, &selection.triangles}) {
         PGL_CUDA_TRY(offsets->device.reserve(offset_bytes));
         PGL_CUDA_TRY(offsets->host.reserve(offset_bytes));
-        PGL_CUDA_TRY(cudaMemset(offsets->device.at<void>(), 0, offset_bytes));
+        PGL_CUDA_TRY(cudaMemset(offsets->device.template at<std::byte>(), 0, offset_bytes));
         std::fill_n(offsets->host.template at<std::uint64_t>(), objects + 1, 0);
       }
     }
@@ -104,13 +104,13 @@ class BlockStream {
     current_ = 1 - current_;
     PGL_CUDA_TRY(cudaStreamWaitEvent(launch.stream, applied_));
     Selection &last = selections_[1 - current_], &next = selections_[current_];
-    PGL_CUDA_TRY(cudaMemcpyAsync(next.counts.at<void>(), counts.data(), counts.size_bytes(), cudaMemcpyDeviceToDevice,
+    PGL_CUDA_TRY(cudaMemcpyAsync(next.counts.template at<std::byte>(), counts.data(), counts.size_bytes(), cudaMemcpyDeviceToDevice,
                                  launch.stream));
     const auto take = [&](std::span<const std::uint64_t> offsets, Offsets& before, Offsets& now,
                           Buffer& delta) -> cudaError_t {
-      PGL_CUDA_TRY(cudaMemcpyAsync(now.device.at<void>(), offsets.data(), offsets.size_bytes(),
+      PGL_CUDA_TRY(cudaMemcpyAsync(now.device.template at<std::byte>(), offsets.data(), offsets.size_bytes(),
                                    cudaMemcpyDeviceToDevice, launch.stream));
-      PGL_CUDA_TRY(cudaMemcpyAsync(now.host.template at<void>(), offsets.data(), offsets.size_bytes(),
+      PGL_CUDA_TRY(cudaMemcpyAsync(now.host.template at<std::byte>(), offsets.data(), offsets.size_bytes(),
                                    cudaMemcpyDeviceToHost, launch.stream));
       return lay_out_delta(all(before.device), all(now.device), all(delta), scan_workspace_, launch);
     };
@@ -150,7 +150,7 @@ class BlockStream {
                                         {staging.at<Triangle<Index>>(triangles_at_), size.triangles});
       PGL_CUDA_TRY(cudaStreamWaitEvent(copy_stream_, applied_));  // what was sent before has been read
       PGL_CUDA_TRY(
-          cudaMemcpyAsync(additional_.at<void>(), staging.at<void>(), bytes, cudaMemcpyHostToDevice, copy_stream_));
+          cudaMemcpyAsync(additional_.template at<std::byte>(), staging.template at<std::byte>(), bytes, cudaMemcpyHostToDevice, copy_stream_));
     }
     return cudaEventRecord(sent_[current_], copy_stream_);
   }
