@@ -665,6 +665,52 @@ TEST(ModelFile, RefusesHeadersThatMakeNoSenseThoughTheirChecksumIsRight) {
   EXPECT_EQ(error([](ModelBytes&) {}), "");  // and nothing changed is nothing wrong
 }
 
+TEST(ModelFile, WhatLiesBetweenSectionsIsZeroOrTheFileIsDamaged) {
+  const TemporaryFolder folder;
+  std::mt19937 random(34);
+  write_model(folder.path() / "m.pgl", random_model<Index16>(random, {}));
+  const ModelBytes good(support::read_bytes(folder.path() / "m.pgl"));
+  for (std::size_t s = 0; s < ModelBytes::checksums; ++s)
+    for (const std::size_t at : {good.end_byte(s), good.end_byte(s) / 4096 * 4096 + 4095}) {
+      ASSERT_NE(good.end_byte(s) % 4096, 0u);
+      ModelBytes bytes = good;
+      bytes.bytes[at] = 1;
+      bytes.seal();
+      const std::string error = error_of([&] { ModelFile(folder.write("t.pgl", bytes.bytes)).verify(); });
+      const std::string expected =
+          std::string(pgl::scene::format::section_names[s]).append("': there is something after");
+      EXPECT_NE(error.find(expected), std::string::npos) << error;
+    }
+  // After the last checksum too, which only the header's can be right about.
+  ModelBytes bytes = good;
+  const std::size_t last = good.first_byte(ModelBytes::checksums);
+  bytes.bytes[last + 4095] = 1;
+  bytes.put(32, bytes.checksum_of_page(last / 4096));
+  bytes.seal_header();
+  EXPECT_NE(error_of([&] { ModelFile(folder.write("t.pgl", bytes.bytes)).verify(); }), "");
+}
+
+TEST(ModelFile, VerifyLooksAgainAtWhatHasBeenChecked) {
+  const TemporaryFolder folder;
+  const fs::path path = folder.path() / "m.pgl";
+  std::mt19937 random(35);
+  const auto model = random_model<Index16>(random, {});
+  write_model(path, model);
+  const ModelBytes bytes(support::read_bytes(path));
+  for (const std::size_t at : {std::size_t{60}, std::size_t{4097}, bytes.first_byte(ModelBytes::map) + 4,
+                               bytes.first_byte(ModelBytes::vertices) + 5, bytes.bytes.size() - 1}) {
+    ModelFile file(folder.write("t.pgl", bytes.bytes));
+    file.require(full_counts(file.view<Index16>()));
+    file.verify();
+    ModelBytes other = bytes;
+    other.bytes[at] ^= 8;
+    const int descriptor = open((folder.path() / "t.pgl").c_str(), O_WRONLY | O_CLOEXEC);
+    ASSERT_EQ(pwrite(descriptor, &other.bytes[at], 1, static_cast<off_t>(at)), 1);
+    close(descriptor);
+    EXPECT_THROW(file.verify(), Error) << at;
+  }
+}
+
 TEST(ModelFile, AFileOfHugeHolesIsRefusedWithoutBeingRead) {
   // Counts and length agree, and say that there are exabytes, or just more than anyone has.
   const TemporaryFolder folder;
