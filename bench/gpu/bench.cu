@@ -155,7 +155,8 @@ void Bench::device(const Measurement& m, const std::vector<Expected>& outputs, R
   }
   must(cudaDeviceSynchronize());
   Stopwatch watch;
-  must(m.enqueue(stream_), "first call");  // scratch is allocated, code loaded
+  const Enqueue& checked = m.check ? m.check : m.enqueue;
+  must(checked(stream_), "first call");  // scratch is allocated, code loaded
   must(cudaStreamSynchronize(stream_), "first run");
   const double first_ms = watch.lap();
   const int times = first_ms > 1000 ? 1 : repeats(events_ms(m.enqueue, 1, 1, false));
@@ -170,6 +171,9 @@ void Bench::device(const Measurement& m, const std::vector<Expected>& outputs, R
   } else {
     row.ms = row.stream_ms;
   }
+  for (auto* ms : {&row.ms, &row.stream_ms, &row.warm_ms}) {
+    if (*ms) **ms /= m.calls;
+  }
 
   // Once more into poisoned memory, after all those replays: every byte is written each time. What takes seconds is
   // compared as the timed run left it, the first one having been poisoned.
@@ -177,7 +181,7 @@ void Bench::device(const Measurement& m, const std::vector<Expected>& outputs, R
     for (const Expected& e : outputs) {
       if (e.bytes > 0) must(cudaMemsetAsync(e.device, 0xA5, e.bytes, stream_), "memset");
     }
-    must(m.enqueue(stream_), "last call");
+    must(checked(stream_), "last call");
     must(cudaStreamSynchronize(stream_), "last run");
   }
   if (outputs.empty()) return;
@@ -198,7 +202,7 @@ void Bench::host(const Measurement& m, Row& row) const {
       ms.push_back(static_cast<float>(watch.lap()));
     }
     use_threads(0);
-    return median(ms) * m.host_scale;
+    return median(ms) * m.host_scale / m.calls;
   };
   if (m.host_all) row.host_all_ms = m.host_all_ms ? *m.host_all_ms : time(0);
   if (m.host_one) row.host_1_ms = time(1);
@@ -238,6 +242,15 @@ void Bench::row(const Measurement& m) {
   report.rows.push_back(std::move(row));
   save();
   if (lost) throw std::runtime_error("the device failed in " + m.name);
+}
+
+void Bench::add(Row row) {
+  if (row.equal && !*row.equal) {
+    ++failures_;
+    row.note += (row.note.empty() ? "" : "; ") + std::string("FAILED");
+  }
+  report.rows.push_back(std::move(row));
+  save();
 }
 
 void Bench::left_out(const std::string& name, const std::string& why) {

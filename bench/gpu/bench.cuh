@@ -80,11 +80,14 @@ Expected expect(const DeviceArray<T>& device, const Values& host) {
 }
 
 /// A row to measure. Enqueue puts the call on a stream (none: the host's times only); outputs are poisoned before and
-/// compared after.
+/// compared after. A call that changes what it reads comes with those that change it back: `calls` of them then, and
+/// `check` is enqueued where outputs are compared.
 struct Measurement {
   std::string name{};
   std::uint64_t bytes = 0;
   std::function<cudaError_t(cudaStream_t)> enqueue{};
+  std::function<cudaError_t(cudaStream_t)> check{};  ///< none: enqueue
+  double calls = 1;                                  ///< that enqueue and host do; times are those of one
   std::function<std::vector<Expected>()> outputs{};  ///< asked for after `host` ran
   std::function<void()> host{};                      ///< the same call of pgl::host; it writes what is expected
   bool graph = true;                                 ///< also captured and replayed
@@ -117,6 +120,9 @@ class Bench {
   /// Measures one row and writes the report. What goes wrong with it goes into its note and into failures().
   void row(const Measurement& measurement);
 
+  /// A row that was measured elsewhere.
+  void add(Row row);
+
   /// A row that is left out, and why.
   void left_out(const std::string& name, const std::string& why);
 
@@ -135,6 +141,7 @@ class Bench {
   }
 
   bool host_only() const { return options_.host_only; }
+  bool quick() const { return options_.quick; }
   int failures() const { return failures_; }
   void save() const;
 

@@ -174,6 +174,8 @@ int run(const Arguments& arguments) {
       const DeviceScene device_scene(bench, scene);
       frame_rows(bench, scene, device_scene, arguments.workload);
       occlusion_rows(bench, scene, device_scene, arguments.workload);
+      stream_rows(bench, scene, device_scene, arguments.workload);
+      path_rows(bench, scene, device_scene, arguments.workload);
     }
     rearrange_rows(bench, model);
     ecol_rows(bench, model, arguments.workload);

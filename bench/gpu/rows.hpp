@@ -47,6 +47,12 @@ void frame_rows(Bench& bench, const Scene& scene, const DeviceScene& device_scen
 /// Occlusion culling, step by step and as a whole, of another view than the frame's: in that one all is seen.
 void occlusion_rows(Bench& bench, const Scene& scene, const DeviceScene& device_scene, const Workload& workload);
 
+/// Streaming: what takes one selection's blocks to another's, and a frame from them.
+void stream_rows(Bench& bench, const Scene& scene, const DeviceScene& device_scene, const Workload& workload);
+
+/// Streaming along a flight, with all that goes over the bus: [Peng13] Table 3.1 and Fig 3.3.
+void path_rows(Bench& bench, const Scene& scene, const DeviceScene& device_scene, const Workload& workload);
+
 /// rearrange of the whole model.
 void rearrange_rows(Bench& bench, const Model& model);
 
