@@ -40,6 +40,48 @@ def percent(value):
     return "" if value is None else f"{100 * value:.0f} %" if value >= 0.01 else f"{100 * value:.2f} %"
 
 
+def flight(result, policy):
+    """The Markdown of a path: what goes over the bus in a frame, in three ways, and how fast the whole is."""
+
+    def get(name):
+        return result.get(f"path_{policy}_{name}")
+
+    if get("serial_fps") is None:
+        return []
+    text = [
+        "",
+        f"Streaming along a flight through the plant, policy {policy}: {get('frames'):,} frames, "
+        f"{get('metres_per_frame'):g} m between two, {get('vertices'):,.0f} vertices and {get('triangles'):,.0f} triangles "
+        f"(6 bytes each) on average, of which {100 * get('new_vertices_share'):.1f} % and "
+        f"{100 * get('new_triangles_share'):.1f} % are new ({100 * get('most_new_vertices_share'):.1f} % of the vertices "
+        "at most). Milliseconds of a frame, means:",
+        "",
+        "| | collect | transfer | defragment | together | MB |",
+        "|---|---|---|---|---|---|",
+    ]
+    ways = [("packing what is new", "coherent", get("coherent_defragment_ms")), ("packing all", "full", None)]
+    for title, name, defragment in ways:
+        collect, transfer = get(f"{name}_collect_ms"), get(f"{name}_transfer_ms")
+        cells = [title, figure(collect), figure(transfer), figure(defragment)]
+        cells += [figure(collect + transfer + (defragment or 0)), figure(get(f"{name}_bytes") / 1e6)]
+        text.append("| " + " | ".join(cells) + " |")
+    if get("unpacked_copies") is not None:
+        memory = "page-locked" if get("unpacked_page_locked") else "pageable"
+        copies = f"{get('unpacked_copies'):,.0f} copies from {memory} memory"
+        together = get("unpacked_transfer_ms") + get("coherent_defragment_ms")
+        cells = [f"no packing, {copies}", "", figure(get("unpacked_transfer_ms")), figure(get("coherent_defragment_ms"))]
+        cells += [figure(together), figure(get("coherent_bytes") / 1e6)]
+        text.append("| " + " | ".join(cells) + " |")
+    text += [
+        "",
+        f"The rest of the frame: selecting {figure(get('select_ms'))} ms, offsets to the host "
+        f"{figure(get('offsets_ms'))} ms, `reform_block` and `gather_block` {figure(get('build_ms'))} ms. With "
+        f"`BlockStream`, one frame after the other: {get('serial_fps'):,.0f} frames/s; with packing and copying beside "
+        f"the frame before: {get('overlapped_fps'):,.0f}.",
+    ]
+    return text
+
+
 def section(result):
     """The Markdown of one result."""
     get = result.get
@@ -114,6 +156,8 @@ def section(result):
     notes = [f"- `{row['name']}`: {row['note']}." for row in rows if row.get("note")]
     if notes:
         text += ["", *notes]
+    for policy in ("exact", "fair"):
+        text += flight(result, policy)
     return "\n".join(text)
 
 

@@ -157,7 +157,7 @@ class Flight {
     Selector selector(scene_);
     Selection selection;
     for (int k = 0; k < frames_; ++k) {
-      const View view = path.cameras.flight(k * metres_per_frame);
+      const View view = path.cameras.flight(metres(k));
       selector.select(view, options_for(options_, view), selection);
       path.next(selection.vertex_offsets, selection.triangle_offsets);
       new_vertices_.push_back(new_elements(path.previous_vertex_offsets, path.vertex_offsets));
@@ -211,7 +211,7 @@ class Flight {
     };
 
     for (int k = 0; k < frames_; ++k) {
-      const View view = path.cameras.flight(k * metres_per_frame);
+      const View view = path.cameras.flight(metres(k));
       const BudgetOptions options = options_for(options_, view);
       const DeviceSelection &now = selections[k % 2], &before = selections[1 - k % 2];
       Sums frame;
@@ -329,7 +329,7 @@ class Flight {
          "room for the blocks");
     Stopwatch watch;
     for (int k = 0; k < frames_; ++k) {
-      const View view = cameras.flight(k * metres_per_frame);
+      const View view = cameras.flight(metres(k));
       must(selector.want(view, options_for(options_, view), now.counts.view(), select_stream), "select");
       must(selector.lay_out(now.counts.input(), now.triangle_counts.view(), now.vertex_offsets.view(),
                             now.triangle_offsets.view(), select_stream),
@@ -375,6 +375,9 @@ class Flight {
 
  private:
   static constexpr int unpacked_step = 20;
+
+  /// Where frame k is, from the middle of the street.
+  double metres(int k) const { return (k - 0.5 * frames_) * metres_per_frame; }
 
   /// Compares the first `size` elements of device memory with what they must be.
   template <class Device, class T>

@@ -75,6 +75,24 @@ class Page(unittest.TestCase):
         self.assertEqual(self.performance().returncode, 0)
         self.assertIn("20 occluders with 113,280 triangles hide 440,000 of the 718,000 objects", self.page.read_text())
 
+    def test_says_what_goes_over_the_bus(self):
+        names = ("frames metres_per_frame vertices triangles new_vertices_share new_triangles_share "
+                 "most_new_vertices_share coherent_collect_ms full_collect_ms coherent_bytes full_bytes "
+                 "coherent_transfer_ms coherent_defragment_ms full_transfer_ms unpacked_transfer_ms unpacked_copies "
+                 "unpacked_page_locked select_ms offsets_ms build_ms serial_fps overlapped_fps")  # fmt: skip
+        values = (60, 1, 10.5e6, 15.8e6, 0.04, 0.038, 0.1, 1.5, 20, 8.8e6, 220.8e6, 0.25, 0.125, 4, 30, 12345, 1, 0.25, 0.5,
+                  0.75, 200, 300)  # fmt: skip
+        figures = {f"path_exact_{name}": value for name, value in zip(names.split(), values, strict=True)}
+        self.write(SAMPLE | figures)
+        self.assertEqual(self.performance().returncode, 0)
+        text = self.page.read_text()
+        self.assertIn("of which 4.0 % and 3.8 % are new (10.0 % of the vertices at most)", text)
+        self.assertIn("| packing what is new | 1.50 | 0.250 | 0.125 | 1.88 | 8.80 |", text)
+        self.assertIn("| packing all | 20.0 | 4.00 |  | 24.0 | 221 |", text)
+        self.assertIn("12,345 copies from page-locked memory |  | 30.0 | 0.125 | 30.1 | 8.80 |", text)
+        self.assertIn("200 frames/s; with packing and copying beside the frame before: 300.", text)
+        self.assertNotIn("policy fair", text)
+
     def test_is_checked_against_the_result(self):
         self.write(SAMPLE)
         self.assertEqual(self.performance("--check").returncode, 1)
@@ -170,7 +188,7 @@ class Bench(unittest.TestCase):
             result, table, page = (pathlib.Path(folder, name) for name in ("gpu.json", "gpu.txt", "page.md"))
             page.write_text(PAGE)
             run = call([self.program, "--host-only", "--quick", "--objects", "300", "--budget", "20000", "--rows",
-                        "cull,reform,frame/fair,oriented,rasterize", "--context", 'note=a "quoted" one', "--json",
+                        "cull,reform,frame/,oriented,rasterize,defragment", "--context", 'note=a "quoted" one', "--json",
                         str(result), "--table", str(table)])  # fmt: skip
             self.assertEqual(run.returncode, 0, run.stderr)
             written = json.loads(result.read_text())
@@ -187,12 +205,31 @@ class Bench(unittest.TestCase):
                          "rasterize_depth/4096/inside", "cull_occluded/1024", "cull_occluded/4096"):  # fmt: skip
                 self.assertGreater(rows[name]["host_all_ms"], 0, name)
                 self.assertGreater(rows[name]["bytes"], 0, name)
+            for name in ("defragment/12-byte triangles/every object", "defragment_in_place/6-byte triangles/exact",
+                         "defragment_in_place/6-byte triangles/fair", "reform_block/16 bit/exact",
+                         "frame/streamed/fair"):  # fmt: skip
+                self.assertGreater(rows[name]["host_all_ms"], 0, name)
             self.assertGreater(written["occlusion_hidden"], 0)
             self.assertLess(written["occlusion_hidden"], written["occlusion_in_view"])
             self.assertEqual(rows["cull_frustum"]["bytes"], 300 * 25)
             self.assertNotIn("project", rows)
             script = str(ROOT / "scripts" / "performance.py")
             self.assertEqual(call([sys.executable, script, "--page", str(page), "--json", str(result)]).returncode, 0)
+
+    def test_flies_through_the_plant(self):
+        with tempfile.TemporaryDirectory() as folder:
+            result = pathlib.Path(folder, "gpu.json")
+            run = call([self.program, "--host-only", "--quick", "--objects", "4000", "--budget", "60000", "--rows", "path/",
+                        "--json", str(result)])  # fmt: skip
+            self.assertEqual(run.returncode, 0, run.stderr)
+            written = json.loads(result.read_text())
+            for policy in ("exact", "fair"):
+                share = written[f"path_{policy}_new_vertices_share"]
+                self.assertGreater(share, 0)
+                self.assertLess(share, 0.5)
+                self.assertGreater(written[f"path_{policy}_most_new_vertices_share"], share)
+                self.assertGreater(written[f"path_{policy}_coherent_collect_ms"], 0)
+                self.assertNotIn(f"path_{policy}_serial_fps", written)
 
 
 if __name__ == "__main__":
