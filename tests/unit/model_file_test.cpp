@@ -665,6 +665,163 @@ TEST(ModelFile, RefusesHeadersThatMakeNoSenseThoughTheirChecksumIsRight) {
   EXPECT_EQ(error([](ModelBytes&) {}), "");  // and nothing changed is nothing wrong
 }
 
+TEST(ModelFile, RefusesContentsThatBreakARuleByOneThoughChecksumsAreRight) {
+  const TemporaryFolder folder;
+  Model<Index16> model;
+  constexpr Index16 none = pgl::no_target<Index16>;
+  model.meshes = {{0, 0, 0, 2, 5}, {5, 3, 4, 0, 0}, {5, 3, 5, 1, 1}};
+  model.vertices.resize(6);
+  model.triangles = {{{0, 1, 1}}, {{2, 1, 0}}, {{4, 3, 2}}};
+  model.ecol = {none, none, 0, 1, 3, none};
+  model.map = {1, 1, 2, 3, 0, 0};
+  model.mesh_boxes.resize(3);
+  model.oriented_boxes.resize(3);
+  for (auto& box : model.oriented_boxes) box.half = {3, 2, 1};
+  model.compactness = {0.5f, 0, 0.25f};
+  model.objects.resize(4);
+  for (std::uint32_t i = 0; i < 4; ++i) model.objects[i].mesh = i % 3;
+  support::make_object_tables(model);
+  ASSERT_EQ(model.compactness_order, (std::vector<Index32>{0, 3, 2, 1}));
+  write_model(folder.path() / "m.pgl", model);
+  expect_file_holds(folder.path() / "m.pgl", model);
+  const ModelBytes good(support::read_bytes(folder.path() / "m.pgl"));
+
+  const auto expect_refused = [&](ModelBytes::Section section, const char* what, auto&& change,
+                                  bool drawn = true) {  // what no object draws, require does not look at
+    ModelBytes bytes = good;
+    change(bytes, bytes.first_byte(section));
+    bytes.seal();
+    const fs::path path = folder.write("t.pgl", bytes.bytes);
+    const std::string part = std::string("section '").append(pgl::scene::format::section_names[section]).append("'");
+    const std::string verified = error_of([&] { ModelFile(path).verify(); });
+    EXPECT_NE(verified.find(part), std::string::npos) << what << ": " << verified;
+    const std::string used = error_of([&] {
+      ModelFile file(path);
+      file.require(full_counts(file.view<Index16>()));
+    });
+    EXPECT_EQ(used, drawn ? verified : "") << what;
+    const std::string sections = error_of([&] {
+      ModelFile file(path);
+      file.require_map();
+      file.require_ecol();
+    });
+    EXPECT_EQ(sections, section == ModelBytes::triangles ? "" : verified) << what;
+  };
+  const auto forge = [&](ModelBytes::Section section, std::size_t at, auto value) {
+    const std::string what = "byte " + std::to_string(at) + " := " + std::to_string(value);
+    expect_refused(section, what.c_str(), [&](ModelBytes& b, std::size_t first) { b.put(first + at, value); });
+  };
+  using u16 = std::uint16_t;
+  using u32 = std::uint32_t;
+  using u64 = std::uint64_t;
+  for (std::size_t t = 0; t < 3; ++t)
+    for (std::size_t corner = 0; corner < 3; ++corner) forge(ModelBytes::triangles, 6 * t + 2 * corner, u16{5});
+  for (const u16 v : {u16{0}, u16{1}, u16{2}, u16{3}, u16{4}, u16{5}}) {
+    forge(ModelBytes::ecol, 2 * std::size_t{v}, v);
+    if (v == 0 || v == 1 || v == 5) forge(ModelBytes::ecol, 2 * std::size_t{v}, u16{0});
+    if (v >= 2 && v < 5) forge(ModelBytes::ecol, 2 * std::size_t{v}, none);
+  }
+  forge(ModelBytes::map, 4, u32{0});   // falls from 1 to 0
+  forge(ModelBytes::map, 0, u32{2});   // falls from 2 to 1
+  forge(ModelBytes::map, 8, u32{4});   // falls from 4 to 3
+  forge(ModelBytes::map, 12, u32{2});  // a triangle too few
+  forge(ModelBytes::map, 12, u32{4});  // and too many
+  expect_refused(
+      ModelBytes::map, "a triangle of no vertex", [&](ModelBytes& b, std::size_t first) { b.put(first + 16, u32{1}); },
+      false);
+  forge(ModelBytes::map, 20, u32{1});  // not there
+  forge(ModelBytes::objects, 0, u32{3});
+  forge(ModelBytes::objects, 52 * 3, u32{0xffffffff});
+  for (const float value : {1.0000001f, -0.0000001f, std::numeric_limits<float>::quiet_NaN()})
+    for (const std::size_t m : {0u, 1u, 2u}) {
+      expect_refused(ModelBytes::compactness, "compactness",
+                     [&](ModelBytes& b, std::size_t first) { b.put(first + 4 * m, value); });
+      expect_refused(ModelBytes::faces, "compactness of a face",
+                     [&](ModelBytes& b, std::size_t first) { b.put(first + 28 * m + 24, value); });
+    }
+  forge(ModelBytes::compactness_order, 4, u32{0});   // twice
+  forge(ModelBytes::compactness_order, 12, u32{4});  // no object
+  expect_refused(ModelBytes::compactness_order, "a tie the other way round", [&](ModelBytes& b, std::size_t first) {
+    b.put(first, u32{3});
+    b.put(first + 4, u32{0});
+  });
+  expect_refused(ModelBytes::compactness_order, "by number", [&](ModelBytes& b, std::size_t first) {
+    b.put(first + 8, u32{1});
+    b.put(first + 12, u32{2});
+  });
+  for (std::size_t m = 0; m < 3; ++m)
+    for (std::size_t field = 0; field < 3; ++field)
+      for (const u64 change : {u64{1}, ~u64{0}, u64{1} << 32, u64{1} << 63}) {
+        const std::size_t at = 32 * m + 8 * field;
+        const u64 value = good.get<u64>(good.first_byte(ModelBytes::meshes) + at) + change;
+        // Where the triangles of the third mesh begin is said by the maps alone.
+        if (field == 1 && (m == 1 || m == 2) && value < 4) {
+          ModelBytes b = good;
+          b.put(b.first_byte(ModelBytes::meshes) + at, value);
+          b.seal();
+          EXPECT_NE(error_of([&] { ModelFile(folder.write("t.pgl", b.bytes)).verify(); }), "");
+        } else {
+          forge(ModelBytes::meshes, at, value);
+        }
+      }
+  for (std::size_t m = 0; m < 3; ++m)
+    for (std::size_t field = 0; field < 2; ++field)
+      for (const u32 change : {1u, ~0u, 1u << 31}) {
+        const std::size_t at = 32 * m + 24 + 4 * field;
+        forge(ModelBytes::meshes, at, good.get<u32>(good.first_byte(ModelBytes::meshes) + at) + change);
+      }
+  expect_refused(
+      ModelBytes::map, "triangles of a mesh of no vertices",
+      [&](ModelBytes& b, std::size_t first) {
+        b.put(b.first_byte(ModelBytes::meshes) + 32 + 8, u64{2});
+        b.put(first + 12, u32{2});
+        b.put(first + 16, u32{1});
+      },
+      false);
+  expect_refused(ModelBytes::meshes, "a mesh that has vertices may be of none", [&](ModelBytes& b, std::size_t first) {
+    b.put(first + 64 + 24, u32{0});  // the third mesh is of 0 to 1 vertices, with 2 map entries
+    b.put(ModelBytes::entry(ModelBytes::map) + 16, u64{7});
+  });
+}
+
+TEST(ModelFile, RefusesTrianglesAndVerticesThatNoMeshOwns) {
+  const TemporaryFolder folder;
+  write_model(folder.path() / "m.pgl", Model<Index16>{});
+  for (const std::size_t s : {ModelBytes::map, ModelBytes::triangles, ModelBytes::vertices}) {
+    // A page for the section, and one for its checksum.
+    pgl::scene::format::Counts counts{};
+    counts[s] = 1;
+    if (s == ModelBytes::vertices) counts[ModelBytes::ecol] = 1;
+    const auto layout = pgl::scene::format::layout_of(counts, false);
+    ModelBytes bytes(support::read_bytes(folder.path() / "m.pgl"));
+    bytes.bytes.resize(layout->file_bytes);
+    for (std::size_t k = 0; k < ModelBytes::sections; ++k) {
+      bytes.put(ModelBytes::entry(k) + 8, layout->first_byte[k]);
+      bytes.put(ModelBytes::entry(k) + 16, layout->count[k]);
+    }
+    bytes.put(24, layout->file_bytes);
+    bytes.seal();
+    ModelFile file(folder.write("t.pgl", bytes.bytes));
+    EXPECT_NE(error_of([&] { (void)file.view<Index16>(); }).find("that no mesh owns"), std::string::npos);
+  }
+}
+
+TEST(ModelFile, SixteenBitsNameAtMost65536Vertices) {
+  const TemporaryFolder folder;
+  for (const std::uint32_t vertices : {65'536u, 65'537u}) {
+    Model<Index16> model;
+    model.meshes = {{0, 0, 0, vertices, vertices}};
+    model.vertices.resize(vertices);
+    model.ecol.assign(vertices, pgl::no_target<Index16>);
+    model.map = {0};
+    model.mesh_boxes.resize(1);
+    model.oriented_boxes.resize(1);
+    model.compactness.resize(1);
+    write_model(folder.path() / "m.pgl", model);
+    EXPECT_EQ(error_of([&] { ModelFile(folder.path() / "m.pgl").verify(); }).empty(), vertices == 65'536);
+  }
+}
+
 TEST(ModelFile, WhatLiesBetweenSectionsIsZeroOrTheFileIsDamaged) {
   const TemporaryFolder folder;
   std::mt19937 random(34);
