@@ -24,16 +24,17 @@
 //   at most what these leave.
 // - min(p, w) <= c <= w. And c is 0 or a count that the object may be drawn with, since it is 0, p, w, the first step,
 //   or between a first step or p and w. So the selection is valid, only coarser, and within any budget that w is in.
-// - Within a step the order decides: no object waits while a lighter new one is given its first step, and none stops
-//   short of w while a lighter one grows beyond its first step.
+// - Within a step the order decides: no object waits while a lighter new one is given its first step, and none that
+//   is drawn stops short of w while a lighter one gets more than p or its first step.
 // - If all growth fits into the cap, c = w. With the cap 0, nothing grows that costs anything.
-// - Let w and the weights stay, and each frame's c be the next one's p. Let L be the largest *step* of the meshes: the
-//   bytes of a first step or of one vertex more, with its triangles (least_cap). If the cap is at least L, then c = w
-//   after at most B / (cap - L + 1) + 1 frames, B the bytes of all growth; no order needs less than B / cap. For a
-//   frame after which something is missing has sent more than cap - L: either the first new object that waits was
-//   refused, since its step is more than what the first steps before it left of the cap; or none waits, and the object
-//   at the second cut did not get one vertex more, since that step is more than what is left.
-//   If the cap is less than the step of an object whose turn it is, that one and what comes after it do not arrive.
+// - Let w and the weights stay, each frame's c be the next one's p, and no p lie between 0 and the object's minimum.
+//   Let L be the largest *step* of the meshes: the bytes of a first step or of one vertex more, with its triangles
+//   (least_cap). If the cap is at least L, then c = w after at most B / (cap - L + 1) + 1 frames, B the bytes of all
+//   growth; in less than B / cap frames it cannot be. For a frame after which something is missing has sent more than
+//   cap - L: either a new object waits, since its step is more than what the first steps before it left of the cap; or
+//   none waits, and the object at the second cut did not get one vertex more, since that step is more than what is
+//   left. With a cap that is less than the step of the object whose turn it is, that object stays as it is, and so do
+//   those of the same step after it.
 
 namespace pgl {
 

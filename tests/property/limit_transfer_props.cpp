@@ -157,7 +157,7 @@ TEST(LimitTransfer, IsWhatTheRuleToldStepByStepGives) {
 
 TEST(LimitTransfer, IsTheSameForAnyNumberOfThreadsAndManyObjects) {
   std::mt19937 random(7);
-  for (const std::size_t n : {4095, 4096, 8193, 50000, 300001}) {
+  for (const std::size_t n : {4095u, 4096u, 8193u, 50000u, 300001u}) {
     TransferScene scene = transfer_scene(random, n);
     for (const std::uint64_t cap : transfer_caps(scene, random)) {
       scene.options.cap = cap;
