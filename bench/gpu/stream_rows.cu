@@ -189,9 +189,9 @@ std::string sizes_of(const SelectionPair& pair, std::uint64_t new_vertices, std:
 
 /// Out of place, in place, and the peer twice, with triangles of one width.
 template <class Corners>
-void rows_of_width(Bench& bench, const std::vector<std::string>& names, const std::string& suffix,
-                   const SelectionPair& pair, HostBlocks<glm::vec3>& host_v, DeviceBlocks<glm::vec3>& v,
-                   HostBlocks<Corners>& host_t, const Workload& workload) {
+void rows_of_width(Bench& bench, const std::vector<std::string>& names, const SelectionPair& pair,
+                   HostBlocks<glm::vec3>& host_v, DeviceBlocks<glm::vec3>& v, HostBlocks<Corners>& host_t,
+                   const Workload& workload) {
   DeviceBlocks<Corners> t(bench, host_t);
   const Batch<Corners> batch(bench, host_v, v, host_t, t);
   const std::string note = sizes_of(pair, host_v.new_size(), host_t.new_size());
@@ -260,7 +260,10 @@ void rows_of_width(Bench& bench, const std::vector<std::string>& names, const st
     const double extra = static_cast<double>(v.workspace.memory.size() + t.workspace.memory.size());
     const double block = static_cast<double>(host_v.block.size() * sizeof(glm::vec3)) +
                          static_cast<double>(host_t.block.size() * sizeof(Corners));
-    bench.report.figures.emplace_back("in_place_extra_memory_share" + suffix, extra / block);
+    char text[64];
+    std::snprintf(text, sizeof text, "; extra memory %.2f %% of the blocks", 100.0 * extra / block);
+    bench.report.rows.back().note += text;
+    bench.save();
   }
   bench.row({.name = names[2],
              .bytes = bytes,
@@ -467,10 +470,10 @@ void defragment_rows(Bench& bench, const std::string& kind, const SelectionPair&
                      DeviceBlocks<glm::vec3>& v, HostBlocks<Triangle<Index>>& host_t, const Workload& workload) {
   if (wants_any(bench, defragment_names(wide_suffix(kind)))) {
     HostBlocks<Triangle<std::uint32_t>> host_wide = widened(host_t);
-    rows_of_width(bench, defragment_names(wide_suffix(kind)), wide_suffix(kind), pair, host_v, v, host_wide, workload);
+    rows_of_width(bench, defragment_names(wide_suffix(kind)), pair, host_v, v, host_wide, workload);
   }
   if (wants_any(bench, defragment_names(narrow_suffix(kind)))) {
-    rows_of_width(bench, defragment_names(narrow_suffix(kind)), narrow_suffix(kind), pair, host_v, v, host_t, workload);
+    rows_of_width(bench, defragment_names(narrow_suffix(kind)), pair, host_v, v, host_t, workload);
   }
 }
 
