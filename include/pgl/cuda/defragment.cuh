@@ -22,7 +22,7 @@
 namespace pgl::cuda {
 
 /// Scratch memory of defragment_in_place, besides registers and shared memory: at most 5 % of the bytes of the largest
-/// block so far, plus 1 KiB; 0.5 % with blocks of 256 threads and elements of 4 to 64 bytes. Reuse it from frame to
+/// block so far, plus 2 KiB; 0.5 % with blocks of 256 threads and elements of 4 to 64 bytes. Reuse it from frame to
 /// frame: it only grows. For one stream at a time.
 struct DefragmentWorkspace {
   Buffer memory;
