@@ -2,6 +2,7 @@
 #include "scene/model_file.hpp"
 
 #include <algorithm>
+#include <array>
 #include <atomic>
 #include <cstdlib>
 #include <cstring>
@@ -78,6 +79,9 @@ struct ModelFile::State {
   std::vector<pgl::Object> objects;
   std::vector<std::uint32_t> mesh_of_object;
   LazyAtomics<std::uint32_t> verified_vertices;  ///< of each mesh: the prefix that has been checked, with what it reads
+
+  std::mutex prefetch_mutex;
+  std::vector<std::uint32_t> prefetched;  ///< the counts of the last prefetch
 
   // ---- errors -------------------------------------------------------------------------------------------------------
 
@@ -220,15 +224,15 @@ struct ModelFile::State {
     });
   }
 
-  /// Asks the system for pages of one section that are not there yet, neighbours together.
+  /// Asks the system for pages of one section, neighbours together; by default for those that are not verified yet.
   class Wanted {
    public:
-    Wanted(const State& state, std::uint32_t s) : state_(state), section_(s) {}
+    Wanted(const State& state, std::uint32_t s, bool all = false) : state_(state), section_(s), all_(all) {}
     void add(std::uint64_t first, std::uint64_t count) {
       if (count == 0) return;
       Pages pages = state_.pages_of(section_, first, count);
-      while (pages.first <= pages.last && state_.is_verified(pages.first)) ++pages.first;
-      while (pages.first <= pages.last && state_.is_verified(pages.last)) --pages.last;
+      while (!all_ && pages.first <= pages.last && state_.is_verified(pages.first)) ++pages.first;
+      while (!all_ && pages.first <= pages.last && state_.is_verified(pages.last)) --pages.last;
       if (pages.first > pages.last) return;
       if (pages.first < begin_ || pages.first > end_ + pages_between) {
         ask();
@@ -244,6 +248,7 @@ struct ModelFile::State {
    private:
     const State& state_;
     std::uint32_t section_;
+    bool all_;
     std::uint64_t begin_ = 0, end_ = 0;
   };
 
@@ -465,6 +470,35 @@ struct ModelFile::State {
     for (const auto [m, count] : std::span(needs).first(n)) require_mesh(m, count);
   }
 
+  /// Asks for what objects [first, last) have more of than at the last prefetch and is verified already: the system may
+  /// have dropped it since.
+  void ask_again(std::span<const std::uint32_t> counts, std::uint64_t first, std::uint64_t last) {
+    const auto for_each_grown = [&](auto&& body) {
+      for (std::uint64_t i = first; i < last; ++i) {
+        const std::uint32_t m = mesh_of_object[i], before = prefetched[i];
+        if (counts[i] > before && counts[i] <= verified_vertices[m].load(std::memory_order_acquire))
+          body(m, before, counts[i]);
+      }
+    };
+    Wanted maps(*this, format::map, true), ecol(*this, format::ecol, true), vertices(*this, format::vertices, true),
+        triangles(*this, format::triangles, true);
+    for_each_grown([&](std::uint32_t m, std::uint32_t before, std::uint32_t now) {
+      if (before == 0) maps.add(meshes[m].first_map, map_entries_of(m));
+      if (before == 0) ecol.add(meshes[m].first_vertex, meshes[m].max_vertices);
+      vertices.add(meshes[m].first_vertex + before, now - before);
+    });
+    maps.ask();
+    ecol.ask();
+    vertices.ask();
+    for_each_grown([&](std::uint32_t m, std::uint32_t before, std::uint32_t now) {
+      const std::uint32_t from = triangles_at(m, before), to = triangles_at(m, now);
+      if (from < to) triangles.add(meshes[m].first_triangle + from, to - from);
+    });
+    triangles.ask();
+    std::copy(counts.begin() + static_cast<std::ptrdiff_t>(first), counts.begin() + static_cast<std::ptrdiff_t>(last),
+              prefetched.begin() + static_cast<std::ptrdiff_t>(first));
+  }
+
   /// A section that is as large as all meshes together.
   template <class Check>
   void require_section(std::uint32_t s, std::atomic<bool>& checked, Check&& check_mesh_m) {
@@ -561,15 +595,19 @@ void ModelFile::require_ecol() {
 
 void ModelFile::prefetch(std::span<const std::uint32_t> counts, std::stop_token stop) noexcept {
   State& s = *state_;
+  const std::unique_lock lock(s.prefetch_mutex, std::try_to_lock);  // of several at a time, one asks again
   try {
     s.require_tables();
+    if (lock) s.prefetched.resize(s.objects.size());
   } catch (...) {
     return;
   }
   PGL_ASSERT(counts.size() == s.objects.size());
   for (std::uint64_t first = 0; first < s.objects.size() && !stop.stop_requested(); first += objects_at_once) {
+    const std::uint64_t last = std::min<std::uint64_t>(s.objects.size(), first + objects_at_once);
+    if (lock) s.ask_again(counts, first, last);
     try {
-      s.require_objects(counts, first, std::min<std::uint64_t>(s.objects.size(), first + objects_at_once));
+      s.require_objects(counts, first, last);
     } catch (...) {  // left for require to tell
     }
   }

@@ -113,7 +113,9 @@ class ModelFile {
   void require_ecol();
 
   /// Does what require does, on the calling thread alone and without throwing, so that a later require finds it done:
-  /// for a thread in the background. What is wrong is left for require to tell. Returns early once a stop is requested.
+  /// for a thread in the background. What is wrong is left for require to tell. Of what has been checked before, it
+  /// asks the system to read again what the objects have more of than in the last prefetch, in case it has been dropped
+  /// from memory since. Returns early once a stop is requested.
   void prefetch(std::span<const std::uint32_t> counts, std::stop_token stop = {}) noexcept;
 
   /// Throws Error if the file is shorter than it was, or part of it could not be read. The functions above call it.

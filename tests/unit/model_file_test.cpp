@@ -10,6 +10,8 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <algorithm>
+#include <chrono>
 #include <cstring>
 #include <limits>
 #include <thread>
@@ -518,6 +520,49 @@ TEST(ModelFile, APrefixOfAnObjectNeedsNotTheRest) {
     counts[4] = first.max_vertices;
     EXPECT_NE(error_of([&] { file.require(counts); }).find("'triangles'"), std::string::npos);
   }
+}
+
+/// How many pages of the range the system has in memory.
+template <class Element>
+std::size_t pages_in_memory(std::span<const Element> range) {
+  const auto page = static_cast<std::uintptr_t>(sysconf(_SC_PAGESIZE));
+  const auto first = reinterpret_cast<std::uintptr_t>(range.data()) / page * page;
+  const auto bytes = reinterpret_cast<std::uintptr_t>(range.data() + range.size()) - first;
+  std::vector<unsigned char> there((bytes + page - 1) / page);
+  EXPECT_EQ(mincore(reinterpret_cast<void*>(first), bytes, there.data()), 0);
+  return static_cast<std::size_t>(std::count_if(there.begin(), there.end(), [](unsigned char c) { return c & 1; }));
+}
+
+TEST(ModelFile, PrefetchFetchesAgainWhatTheSystemHasDropped) {
+  const TemporaryFolder folder;
+  const fs::path path = folder.path() / "m.pgl";
+  std::mt19937 random(25);
+  write_model(path, random_model<Index16>(random, {.meshes = 20, .objects = 20, .vertices = 20'000}));
+  ModelFile file(path);
+  const auto view = file.view<Index16>();
+  const auto counts = full_counts(view);
+  const std::vector<std::uint32_t> nothing(counts.size(), 0);
+  const auto object = static_cast<std::size_t>(std::max_element(counts.begin(), counts.end()) - counts.begin());
+  const pgl::Mesh& mesh = view.meshes[view.objects[object].mesh];
+  const auto vertices = view.vertices.subspan(mesh.first_vertex, mesh.max_vertices);
+  ASSERT_GT(vertices.size_bytes(), 100'000u);
+  file.prefetch(counts);
+  file.prefetch(nothing);
+  const std::size_t pages = pages_in_memory(vertices);
+  // Out of this process' memory, and then out of the system's.
+  ASSERT_EQ(madvise(const_cast<glm::vec3*>(view.vertices.data()), view.vertices.size_bytes(), MADV_DONTNEED), 0);
+  const int descriptor = open(path.c_str(), O_RDONLY | O_CLOEXEC);
+  posix_fadvise(descriptor, 0, 0, POSIX_FADV_DONTNEED);
+  close(descriptor);
+  if (pages_in_memory(vertices) > pages / 2) GTEST_SKIP() << "files are always in memory here";
+  file.prefetch(nothing);
+  EXPECT_LT(pages_in_memory(vertices), pages / 2);
+  const std::uint64_t verified = file.bytes_verified();
+  file.prefetch(counts);
+  for (int k = 0; k < 500 && pages_in_memory(vertices) < pages; ++k)
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  EXPECT_EQ(pages_in_memory(vertices), pages);
+  EXPECT_EQ(file.bytes_verified(), verified);
 }
 
 TEST(ModelFile, PrefetchStopsWhenItIsTold) {
