@@ -162,17 +162,17 @@ class Frame final : public AnyFrame {
     options.near_depth = view.near_depth;
     options.viewport_area = view.width * view.height;
     if (stream_) {
-      if (std::min(options.budget, all_.vertices) > planned_) plan(options);
-      options.budget = std::min(options.budget, memory_.vertices);
+      if (!memory_.streams || std::min(options.budget, all_.vertices) > planned_) plan(options);
+      if (memory_.vertices < planned_) options.budget = std::min(options.budget, memory_.vertices);
     }
     Size drawn = choose(options, ms, lap);
-    while (stream_ && drawn.triangles > memory_.triangles) {
+    // More than two triangles a vertex, or more vertices than the budget, which BudgetPolicy::paper allows.
+    while (stream_ && (drawn.vertices > memory_.vertices || drawn.triangles > memory_.triangles)) {
       if (!memory_.limit) {
-        memory_.triangles = drawn.triangles;
-        make_blocks();
+        make_more_room(drawn);
         break;
       }
-      options.budget = fewer(options.budget, drawn.triangles);
+      options.budget = fewer(options.budget, drawn);
       drawn = choose(options, ms, lap);
     }
     if (stream_) drawn = send(options, drawn, ms, lap);
@@ -403,10 +403,25 @@ class Frame final : public AnyFrame {
     backend_.prepare_drawing(memory_.vertices, memory_.triangles);
   }
 
-  /// A smaller budget, in proportion to the triangles that there is room for.
-  std::uint64_t fewer(std::uint64_t budget, std::uint64_t triangles) const {
-    const double share = static_cast<double>(memory_.triangles) / static_cast<double>(triangles);
-    return std::min(budget - 1, static_cast<std::uint64_t>(static_cast<double>(budget) * share));
+  /// Makes room for a frame that is larger than planned; where it grows, half as much again, so that this is rare.
+  void make_more_room(const Size& drawn) {
+    const auto grown = [](std::uint64_t room, std::uint64_t wanted, std::uint64_t all) {
+      return wanted <= room ? room : std::min(all, std::max(wanted, room + room / 2));
+    };
+    plan_room(options_, grown(memory_.vertices, drawn.vertices, all_.vertices),
+              grown(memory_.triangles, drawn.triangles, all_.triangles), sizeof(glm::vec3), sizeof(Triangle<Index>),
+              memory_);
+    make_blocks();
+  }
+
+  /// A smaller budget, in proportion to the vertices and triangles that there is room for.
+  std::uint64_t fewer(std::uint64_t budget, const Size& drawn) const {
+    const auto share = [](std::uint64_t room, std::uint64_t wanted) {
+      return wanted <= room ? 1.0 : static_cast<double>(room) / static_cast<double>(wanted);
+    };
+    const double part = std::min(share(memory_.vertices, drawn.vertices), share(memory_.triangles, drawn.triangles));
+    return std::min(budget - 1,
+                    static_cast<std::uint64_t>(static_cast<double>(std::min(budget, all_.vertices)) * part));
   }
 
   static OccluderMeshes<Index> choose_occluders(const FrameModel<Index>& model, const FrameOptions& options) {

@@ -73,6 +73,18 @@ constexpr std::uint64_t with_scratch(std::uint64_t bytes) {
   return bytes + bytes / 20;
 }
 
+/// Gives a plan room for so many vertices and triangles, and returns what that takes beside what is resident.
+inline std::uint64_t plan_room(const StreamOptions& options, std::uint64_t vertices, std::uint64_t triangles,
+                               std::uint64_t vertex_bytes, std::uint64_t triangle_bytes, MemoryPlan& plan) {
+  plan.vertices = vertices;
+  plan.triangles = triangles;
+  const std::uint64_t block = vertices * vertex_bytes + triangles * triangle_bytes;
+  plan.additional = std::min(block, options.transfer.value_or(block));
+  plan.blocks = with_scratch(block) + plan.additional;
+  plan.drawn = vertices * sizeof(PlacedVertex) + triangles * sizeof(Triangle<std::uint32_t>);
+  return plan.blocks + plan.drawn;
+}
+
 /// Plans the memory of a streamed frame. resident: what is taken already. Without a limit there is room for the whole
 /// budget, with twice as many triangles as vertices to begin with. Within a limit, the largest number of vertices up to
 /// the budget for which there is room for twice as many triangles too; and for all the triangles that still fit.
@@ -82,13 +94,7 @@ inline MemoryPlan plan_memory(const StreamOptions& options, const ModelSize& mod
   MemoryPlan plan{.streams = true, .resident = resident, .limit = options.gpu_memory};
   const std::uint64_t most = std::min(budget, model.vertices);
   const auto cost = [&](std::uint64_t vertices, std::uint64_t triangles) {
-    plan.vertices = vertices;
-    plan.triangles = triangles;
-    const std::uint64_t block = vertices * vertex_bytes + triangles * triangle_bytes;
-    plan.additional = std::min(block, options.transfer.value_or(block));
-    plan.blocks = with_scratch(block) + plan.additional;
-    plan.drawn = vertices * sizeof(PlacedVertex) + triangles * sizeof(Triangle<std::uint32_t>);
-    return plan.blocks + plan.drawn;
+    return plan_room(options, vertices, triangles, vertex_bytes, triangle_bytes, plan);
   };
   const auto triangles_of = [&](std::uint64_t vertices) { return std::min(model.triangles, 2 * vertices); };
   if (!plan.limit) {
