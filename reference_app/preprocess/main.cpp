@@ -165,7 +165,6 @@ scene::Scene read_model(const fs::path& file, const scene::ImportOptions& option
 /// Small files are built together, so that all cores have work, and large ones alone.
 void build_files(const Options& options, const std::vector<fs::path>& files, scene::ModelFileWriter& writer,
                  Teller& teller, Totals& totals) {
-  constexpr std::size_t enough_triangles = std::size_t{1} << 20;
   const scene::Progress progress = teller.progress();
   std::vector<Part> parts;  // of all files so far
   std::size_t parts_built = 0, objects_built = 0;
@@ -199,7 +198,7 @@ void build_files(const Options& options, const std::vector<fs::path>& files, sce
     for (const scene::MeshData& mesh : scene.meshes) triangles += mesh.triangles.size();
     totals.import += watch.lap();
 
-    if (batch_triangles != 0 && batch_triangles + triangles > enough_triangles) build_batch();
+    if (batch_triangles != 0 && batch_triangles + triangles > options.batch) build_batch();
     const auto first_mesh = static_cast<std::uint32_t>(batch.meshes.size());
     for (Object& object : scene.objects) object.mesh += first_mesh;
     std::ranges::move(scene.meshes, std::back_inserter(batch.meshes));
@@ -229,14 +228,17 @@ void build_files(const Options& options, const std::vector<fs::path>& files, sce
 }
 
 void build_plant(const Options& options, scene::ModelFileWriter& writer, Teller& teller, Totals& totals) {
-  constexpr std::size_t batch = 8192;
   const scene::Progress progress = teller.progress();
-  const std::size_t count = options.plant.objects;
-  for (std::size_t first = 0; first < count; first += batch) {
-    if (count > batch) teller.where = ", object " + grouped(first) + " of " + grouped(count);
+  const std::size_t all = options.plant.objects;
+  for (std::size_t first = 0; first < all;) {
+    std::size_t end = first, triangles = 0;
+    do triangles += scene::plant_object_size(options.plant, end++).triangles;
+    while (end < all && triangles < options.batch);
+    teller.where = end - first < all ? ", object " + grouped(first + 1) + " of " + grouped(all) : std::string();
     Stopwatch watch;
-    const scene::AnyModel model = scene::build_plant(options.plant, first, std::min(batch, count - first),
-                                                     options.import.weld, options.ecol, progress, &totals.built);
+    const scene::AnyModel model = scene::build_plant(options.plant, first, end - first, options.import.weld,
+                                                     options.ecol, progress, &totals.built);
+    first = end;
     totals.build += watch.lap();
     append(model, writer);
     totals.write += watch.lap();

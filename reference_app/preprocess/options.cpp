@@ -99,6 +99,9 @@ std::optional<Options> parse_options(int argc, const char* const* argv) {
   CLI::Option* boundary = parser.add_choice<BoundaryRule>(
       "--boundary", options.ecol.boundary, {{"locked", BoundaryRule::locked}, {"slide", BoundaryRule::slide}},
       "What vertices on open edges do [locked]");
+  CLI::Option* batch = parser.add_number("--batch", options.batch, std::size_t{1}, std::size_t{1'000'000'000},
+                                         "Triangles to build together: more keep more cores busy, and need more memory "
+                                         "[2000000]");
   parser.add_number("--threads", options.threads, 1, 1024, "Threads [all]");
 
   try {
@@ -116,7 +119,8 @@ std::optional<Options> parse_options(int argc, const char* const* argv) {
     options.file = look == verified ? verify : info;
     if (verified->count() > 0 && shown->count() > 0) refuse("--info", "is one thing, --verify another");
     if (!options.inputs.empty()) refuse(look->get_name(), "takes one file and no models beside it");
-    for (const CLI::Option* option : {made, objects, seed, warehouse, split, flatten, weld, strict, metric, boundary}) {
+    for (const CLI::Option* option :
+         {made, objects, seed, warehouse, split, flatten, weld, strict, metric, boundary, batch}) {
       if (option->count() > 0) refuse(option->get_name(), "is for making a file, not for " + look->get_name());
     }
     return options;

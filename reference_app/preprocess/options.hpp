@@ -2,6 +2,7 @@
 // What the command line of pgl_preprocess asks for.
 #pragma once
 
+#include <cstddef>
 #include <optional>
 #include <string>
 #include <vector>
@@ -22,7 +23,8 @@ struct Options {
   scene::ImportOptions import;
   EcolOptions ecol;
   bool warehouse = false;
-  int threads = 0;  ///< 0: all
+  std::size_t batch = 2'000'000;  ///< triangles that small models are built together up to
+  int threads = 0;                ///< 0: all
 };
 
 /// Reads the command line. Prints help or version and returns nothing when they were asked for.

@@ -101,9 +101,12 @@ class Process {
   Outcome wait() {
     const auto start = std::chrono::steady_clock::now();
     int status = 0;
-    while (waitpid(pid_, &status, 0) < 0 && errno == EINTR) {
+    std::chrono::duration<double> took{};
+    while (waitpid(pid_, &status, WNOHANG) == 0) {
+      std::this_thread::sleep_for(std::chrono::milliseconds(2));
+      took = std::chrono::steady_clock::now() - start;
+      if (took > std::chrono::minutes(5)) kill(pid_, SIGKILL);  // never leave one behind that does not end
     }
-    const std::chrono::duration<double> took = std::chrono::steady_clock::now() - start;
     return {WIFEXITED(status) ? WEXITSTATUS(status) : 1000 + WTERMSIG(status), read_bytes(out_),
             without_progress(read_bytes(err_)), took.count()};
   }
@@ -183,8 +186,8 @@ class Preprocess : public testing::Test {
 // ---- what is made ---------------------------------------------------------------------------------------------------
 
 TEST_F(Preprocess, ThePlantIsTheOneThatTheViewerBuilds) {
-  const PlantOptions plant{.objects = 8500, .seed = 7};  // more than one batch
-  make({"-o", "plant.pgl", "--objects", "8500", "--seed", "7"});
+  const PlantOptions plant{.objects = 1500, .seed = 7};
+  make({"-o", "plant.pgl", "--objects", "1500", "--seed", "7", "--batch", "100000"});
   expect_model("plant.pgl", build_plant(plant, 0, plant.objects, true, {}));
   make({"-o", "loose.pgl", "--objects", "40", "--no-weld", "--metric", "melax", "--boundary", "slide"});
   pgl::EcolOptions ecol;
@@ -214,7 +217,7 @@ TEST_F(Preprocess, FilesFollowEachOtherInOrder) {
   }
 }
 
-/// The file depends neither on threads nor on how the models were named.
+/// The file depends neither on threads, nor on batches, nor on how the models were named.
 TEST_F(Preprocess, TheSameModelsGiveTheSameBytes) {
   make({"-o", "one.pgl", "--objects", "300", "--threads", "1"});
   make({"-o", "four.pgl", "--objects", "300", "--threads", "4"});
@@ -233,6 +236,12 @@ TEST_F(Preprocess, TheSameModelsGiveTheSameBytes) {
   EXPECT_EQ(bytes("list.pgl"), bytes("named.pgl"));
   make({"-o", "other.pgl", "models/deeper", "@list"});
   EXPECT_NE(bytes("other.pgl"), bytes("named.pgl"));
+
+  make({"-o", "heap.pgl", "models", "--warehouse"});
+  for (const char* batch : {"1", "5", "20"}) {
+    make({"-o", "parts.pgl", "models", "--warehouse", "--batch", batch});
+    EXPECT_EQ(bytes("parts.pgl"), bytes("heap.pgl")) << batch;
+  }
 }
 
 TEST_F(Preprocess, AWarehouseMovesTheObjectsOfAFileTogetherAndApartFromOthers) {
@@ -355,6 +364,7 @@ TEST_F(Preprocess, ImpossibleOptionsAreToldInOneLine) {
   refused({"-o", "a.pgl", "--metric", "none"}, "--metric");
   refused({"-o", "a.pgl", "--boundary", "none"}, "--boundary");
   refused({"-o", "a.pgl", "--threads", "0"}, "--threads");
+  refused({"-o", "a.pgl", "--batch", "0"}, "--batch");
   refused({"-o", "a.pgl", "--unknown"}, "--unknown");
   for (const char* option : {"--split", "--flatten", "--warehouse", "--refuse-non-finite"})
     refused({"-o", "a.pgl", option}, option);
