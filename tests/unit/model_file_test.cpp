@@ -1050,6 +1050,14 @@ TEST(ModelFileDeathTest, FaultsElsewhereGoWhereTheyWentBefore) {
       testing::KilledBySignal(SIGBUS), "");
   EXPECT_EXIT(
       {
+        signal(SIGBUS, SIG_DFL);
+        ModelFile file(folder.path() / "m.pgl");
+        raise(SIGBUS);
+        _exit(46);
+      },
+      testing::KilledBySignal(SIGBUS), "");
+  EXPECT_EXIT(
+      {
         signal(SIGBUS, SIG_IGN);
         ModelFile file(folder.path() / "m.pgl");
         raise(SIGBUS);
