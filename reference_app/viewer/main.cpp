@@ -89,12 +89,14 @@ class Times {
  public:
   void add(const FrameTimes& ms, double draw, double frame) {
     for (std::size_t i = 0; i < steps.size(); ++i) steps_[i].push_back(ms.*steps[i].of);
+    load_.push_back(ms.load);
     draw_.push_back(draw);
     frame_.push_back(frame);
   }
   std::size_t frames() const { return frame_.size(); }
 
   const std::vector<double>& frames_ms() const { return frame_; }
+  const std::vector<double>& loads_ms() const { return load_; }
 
   /// Appends the medians: of the steps, if they were `timed`, without those that no frame needed; of drawing and of
   /// whole frames, and the worst frame.
@@ -130,7 +132,7 @@ class Times {
                                                   {"gather", &FrameTimes::gather, false},
                                                   {"upload", &FrameTimes::upload, false}}};
   std::array<std::vector<double>, steps.size()> steps_;
-  std::vector<double> draw_, frame_;
+  std::vector<double> draw_, frame_, load_;
 };
 
 /// The reference picture of what a frame chose, as large as the frame's own.
@@ -287,7 +289,10 @@ void show(const Options& options, const FrameModel<Index>& from, scene::ModelFil
     report.file_bytes = file->bytes();
     report.file_bytes_read = file->bytes_verified();
   }
-  if (options.checksums) report.frame_ms = times.frames_ms();
+  if (options.checksums) {
+    report.frame_ms = times.frames_ms();
+    report.load_ms = times.loads_ms();
+  }
   const auto none = [](const std::vector<std::uint8_t>& flags) {
     return static_cast<std::uint64_t>(std::ranges::count(flags, std::uint8_t{0}));
   };

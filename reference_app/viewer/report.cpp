@@ -62,6 +62,7 @@ std::string to_json(const Report& report) {
                      {"file", {{"bytes", report.file_bytes}, {"bytes_read", report.file_bytes_read}}},
                      {"ms", ms},
                      {"frame_ms", report.frame_ms},
+                     {"load_ms", report.load_ms},
                      {"frames", report.frames},
                      {"threads", report.threads},
                      {"size", {report.width, report.height}},
