@@ -913,6 +913,19 @@ TEST(ModelFile, VerifyLooksAgainAtWhatHasBeenChecked) {
   }
 }
 
+TEST(ModelFile, NoLayoutIsLargerThanItsNumbersCanSay) {
+  constexpr std::uint64_t huge = std::numeric_limits<std::uint64_t>::max();
+  for (const bool wide : {false, true})
+    for (std::uint32_t s = 0; s < pgl::scene::format::checksums; ++s) {
+      const std::uint64_t size = pgl::scene::format::element_bytes(s, wide);
+      for (const std::uint64_t count : {huge, huge / size, huge / size + 2, (huge >> 2) / size + 2, huge / 2}) {
+        pgl::scene::format::Counts counts{};
+        counts[s] = count;
+        EXPECT_FALSE(pgl::scene::format::layout_of(counts, wide)) << s << " " << count;
+      }
+    }
+}
+
 TEST(ModelFile, AFileOfHugeHolesIsRefusedWithoutBeingRead) {
   // Counts and length agree, and say that there are exabytes, or just more than anyone has.
   const TemporaryFolder folder;
