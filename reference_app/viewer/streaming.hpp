@@ -86,9 +86,9 @@ inline std::uint64_t plan_room(const StreamOptions& options, std::uint64_t verti
 }
 
 /// Plans the memory of a streamed frame. resident: what is taken already. Without a limit there is room for the whole
-/// budget, with twice as many triangles as vertices to begin with. Within a limit, the largest number of vertices up to
-/// the budget for which there is room for twice as many triangles too; and for all the triangles that still fit.
-/// Throws std::runtime_error where not even 1,000 vertices fit.
+/// budget, with twice as many triangles as vertices to begin with, or for the whole model. Within a limit, the largest
+/// number of vertices up to the budget for which there is room for twice as many triangles too; and for all the
+/// triangles that still fit. Throws std::runtime_error where not even 1,000 vertices fit.
 inline MemoryPlan plan_memory(const StreamOptions& options, const ModelSize& model, std::uint64_t resident,
                               std::uint64_t budget, std::uint64_t vertex_bytes, std::uint64_t triangle_bytes) {
   MemoryPlan plan{.streams = true, .resident = resident, .limit = options.gpu_memory};
@@ -98,7 +98,7 @@ inline MemoryPlan plan_memory(const StreamOptions& options, const ModelSize& mod
   };
   const auto triangles_of = [&](std::uint64_t vertices) { return std::min(model.triangles, 2 * vertices); };
   if (!plan.limit) {
-    cost(most, triangles_of(most));
+    cost(most, most < model.vertices ? triangles_of(most) : model.triangles);
     return plan;
   }
   const std::uint64_t room = *plan.limit > resident ? *plan.limit - resident : 0;
