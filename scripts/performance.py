@@ -54,7 +54,7 @@ def flight(result, policy):
         f"{get('metres_per_frame'):g} m between two, {get('vertices'):,.0f} vertices and {get('triangles'):,.0f} triangles "
         f"(6 bytes each) on average, of which {100 * get('new_vertices_share'):.1f} % and "
         f"{100 * get('new_triangles_share'):.1f} % are new ({100 * get('most_new_vertices_share'):.1f} % of the vertices "
-        "at most). Milliseconds of a frame, means:",
+        "at most). Milliseconds of a frame, medians:",
         "",
         "| | collect | transfer | defragment | together | MB |",
         "|---|---|---|---|---|---|",

@@ -53,14 +53,21 @@ class Staging {
   std::size_t triangles_at_ = 0;
 };
 
-/// Sums over the frames of the path but the first, in which everything is new.
+double median(std::vector<double> values) {
+  if (values.empty()) return 0.0;
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::ranges::nth_element(values, middle);
+  return *middle;
+}
+
+/// The frames of the path but the first, in which everything is new: sums of sizes, and each one's milliseconds.
 struct Sums {
   int frames = 0, unpacked_frames = 0;
   double vertices = 0, triangles = 0, new_vertices = 0, new_triangles = 0, most_new = 0;
-  double collect = 0, transfer = 0, defragment = 0;  // with coherence, ms
-  double all_collect = 0, all_transfer = 0;          // without
-  double unpacked = 0, copies = 0;                   // a copy for each object
-  double select = 0, offsets = 0, build = 0;         // the rest of a frame
+  double unpacked = 0, copies = 0;                    // a copy for each object
+  std::vector<double> collect, transfer, defragment;  // with coherence
+  std::vector<double> all_collect, all_transfer;      // without
+  std::vector<double> select, offsets, build;         // the rest of a frame
 
   void add(const HostPath& path) {
     ++frames;
@@ -173,8 +180,8 @@ class Flight {
       const double all_collect = watch.lap();
       if (k == 0) continue;
       sums_.add(path);
-      sums_.collect += collect;
-      sums_.all_collect += all_collect;
+      sums_.collect.push_back(collect);
+      sums_.all_collect.push_back(all_collect);
     }
   }
 
@@ -214,7 +221,9 @@ class Flight {
       const View view = path.cameras.flight(metres(k));
       const BudgetOptions options = options_for(options_, view);
       const DeviceSelection &now = selections[k % 2], &before = selections[1 - k % 2];
-      Sums frame;
+      struct {
+        double select, offsets, collect, transfer, defragment, build, all_collect, all_transfer;
+      } frame{};
       frame.select = timed.ms([&](cudaStream_t stream) {
         PGL_CUDA_TRY(selector.want(view, options, now.counts.view(), stream));
         PGL_CUDA_TRY(selector.lay_out(now.counts.input(), now.triangle_counts.view(), now.vertex_offsets.view(),
@@ -301,14 +310,14 @@ class Flight {
       }
       if (k == 0) continue;
       sums_.add(path);
-      sums_.select += frame.select;
-      sums_.offsets += frame.offsets;
-      sums_.collect += frame.collect;
-      sums_.transfer += frame.transfer;
-      sums_.defragment += frame.defragment;
-      sums_.build += frame.build;
-      sums_.all_collect += frame.all_collect;
-      sums_.all_transfer += frame.all_transfer;
+      sums_.select.push_back(frame.select);
+      sums_.offsets.push_back(frame.offsets);
+      sums_.collect.push_back(frame.collect);
+      sums_.transfer.push_back(frame.transfer);
+      sums_.defragment.push_back(frame.defragment);
+      sums_.build.push_back(frame.build);
+      sums_.all_collect.push_back(frame.all_collect);
+      sums_.all_transfer.push_back(frame.all_transfer);
     }
   }
 
@@ -397,22 +406,22 @@ class Flight {
     put("new_vertices_share", sums_.new_vertices / std::max(sums_.vertices, 1.0));
     put("new_triangles_share", sums_.new_triangles / std::max(sums_.triangles, 1.0));
     put("most_new_vertices_share", sums_.most_new);
-    put("coherent_collect_ms", sums_.collect / n);
-    put("full_collect_ms", sums_.all_collect / n);
+    put("coherent_collect_ms", median(sums_.collect));
+    put("full_collect_ms", median(sums_.all_collect));
     put("coherent_bytes", (sums_.new_vertices * sizeof(glm::vec3) + sums_.new_triangles * sizeof(Corners)) / n);
     put("full_bytes", (sums_.vertices * sizeof(glm::vec3) + sums_.triangles * sizeof(Corners)) / n);
     if (bench_.host_only()) return;
-    put("coherent_transfer_ms", sums_.transfer / n);
-    put("coherent_defragment_ms", sums_.defragment / n);
-    put("full_transfer_ms", sums_.all_transfer / n);
+    put("coherent_transfer_ms", median(sums_.transfer));
+    put("coherent_defragment_ms", median(sums_.defragment));
+    put("full_transfer_ms", median(sums_.all_transfer));
     if (sums_.unpacked_frames > 0) {
       put("unpacked_transfer_ms", sums_.unpacked / sums_.unpacked_frames);
       put("unpacked_copies", sums_.copies / sums_.unpacked_frames);
       put("unpacked_page_locked", unpacked_locked_ ? 1 : 0);
     }
-    put("select_ms", sums_.select / n);
-    put("offsets_ms", sums_.offsets / n);
-    put("build_ms", sums_.build / n);
+    put("select_ms", median(sums_.select));
+    put("offsets_ms", median(sums_.offsets));
+    put("build_ms", median(sums_.build));
     put("serial_fps", serial);
     put("overlapped_fps", overlapped);
     char note[200];
