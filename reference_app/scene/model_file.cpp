@@ -68,6 +68,7 @@ struct ModelFile::State {
   MappedFile file;
   format::Layout layout;
   bool wide = false;
+  UpAxis up = UpAxis::not_told;
   std::uint64_t root = 0, header_checksum = 0;
 
   LazyAtomics<std::uint64_t> verified_pages;  ///< a bit for each page of the file
@@ -78,6 +79,7 @@ struct ModelFile::State {
   std::vector<pgl::Mesh> meshes;
   std::vector<pgl::Object> objects;
   std::vector<std::uint32_t> mesh_of_object;
+  LazyAtomics<std::uint8_t> verified_maps;       ///< of each mesh: 1 if require_maps has checked its map
   LazyAtomics<std::uint32_t> verified_vertices;  ///< of each mesh: the prefix that has been checked, with what it reads
 
   std::mutex prefetch_mutex;
@@ -122,9 +124,11 @@ struct ModelFile::State {
     const auto is_zero = [](unsigned char byte) { return byte == 0; };
     if (header.byte_order != byte_order || header.bytes_per_page != page_bytes ||
         header.number_of_sections != section_count || (header.index_bits != 16 && header.index_bits != 32) ||
-        header.reserved != 0 || !std::all_of(header.zero.begin(), header.zero.end(), is_zero))
+        header.up > static_cast<std::uint32_t>(UpAxis::z) ||
+        !std::all_of(header.zero.begin(), header.zero.end(), is_zero))
       fail("is damaged: the header does not make sense");
     wide = header.index_bits == 32;
+    up = static_cast<UpAxis>(header.up);
     Counts counts;
     for (std::uint32_t s = 0; s < checksums; ++s) counts[s] = header.sections[s].count;
     const auto expected = layout_of(counts, wide);
@@ -296,6 +300,7 @@ struct ModelFile::State {
       meshes.assign(mesh_section.begin(), mesh_section.end());
       objects.assign(object_section.begin(), object_section.end());
       mesh_of_object.resize(object_count);
+      verified_maps = LazyAtomics<std::uint8_t>(mesh_count);
       verified_vertices = LazyAtomics<std::uint32_t>(mesh_count);
     } catch (const std::bad_alloc&) {
       fail("has more meshes and objects than fit into memory");
@@ -430,6 +435,25 @@ struct ModelFile::State {
     check_triangles_of(m, 0, triangles_of(m));
   }
 
+  /// The maps of objects [first, last) that have counts.
+  void require_maps(std::span<const std::uint32_t> counts, std::uint64_t first, std::uint64_t last) {
+    const auto wanted = [&](std::uint64_t i) {
+      const std::uint32_t m = mesh_of_object[i];
+      return counts[i] != 0 && verified_vertices[m].load(std::memory_order_acquire) == 0 &&
+             verified_maps[m].load(std::memory_order_acquire) == 0;
+    };
+    Wanted maps(*this, format::map);
+    for (std::uint64_t i = first; i < last; ++i) {
+      if (wanted(i)) maps.add(meshes[mesh_of_object[i]].first_map, map_entries_of(mesh_of_object[i]));
+    }
+    maps.ask();
+    for (std::uint64_t i = first; i < last; ++i) {
+      if (!wanted(i)) continue;
+      require_map_of(mesh_of_object[i]);
+      verified_maps[mesh_of_object[i]].store(1, std::memory_order_release);
+    }
+  }
+
   /// Objects [first, last), at most objects_at_once.
   void require_objects(std::span<const std::uint32_t> counts, std::uint64_t first, std::uint64_t last) {
     struct Need {
@@ -529,6 +553,9 @@ const std::filesystem::path& ModelFile::path() const {
 bool ModelFile::wide() const {
   return state_->wide;
 }
+UpAxis ModelFile::up() const {
+  return state_->up;
+}
 std::uint64_t ModelFile::bytes() const {
   return state_->layout.file_bytes;
 }
@@ -578,6 +605,15 @@ void ModelFile::require(std::span<const std::uint32_t> counts) {
   PGL_ASSERT(counts.size() == s.objects.size());
   for_parts(s.objects.size(), objects_at_once,
             [&](std::uint64_t first, std::uint64_t last) { s.require_objects(counts, first, last); });
+  s.check();
+}
+
+void ModelFile::require_maps(std::span<const std::uint32_t> counts) {
+  State& s = *state_;
+  s.require_tables();
+  PGL_ASSERT(counts.size() == s.objects.size());
+  for_parts(s.objects.size(), objects_at_once,
+            [&](std::uint64_t first, std::uint64_t last) { s.require_maps(counts, first, last); });
   s.check();
 }
 

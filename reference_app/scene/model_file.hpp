@@ -14,6 +14,7 @@
 #include "scene/error.hpp"
 #include "scene/mesh_data.hpp"
 #include "scene/model_view.hpp"
+#include "scene/up_axis.hpp"
 
 namespace pgl::scene {
 
@@ -56,6 +57,9 @@ class ModelFileWriter {
   [[nodiscard]] std::uint64_t vertices() const;
   [[nodiscard]] std::uint64_t triangles() const;
 
+  /// Says which axis points up, for who looks at the model; it is not told unless this is called.
+  void set_up(UpAxis up);
+
   /// Makes the tables of the objects, puts everything together with its checksums, waits until the disk has it, and
   /// lets it appear at `file`. Progress: stages "write" and "sync", in MiB. What `progress` throws goes through. On the
   /// disk there is at most a little more than the file at any time. Called once, last.
@@ -88,7 +92,8 @@ class ModelFile {
   ModelFile& operator=(ModelFile&&) noexcept;
 
   [[nodiscard]] const std::filesystem::path& path() const;
-  [[nodiscard]] bool wide() const;            ///< whether Index is std::uint32_t, else std::uint16_t
+  [[nodiscard]] bool wide() const;  ///< whether Index is std::uint32_t, else std::uint16_t
+  [[nodiscard]] UpAxis up() const;
   [[nodiscard]] std::uint64_t bytes() const;  ///< of the whole file
   [[nodiscard]] std::uint64_t meshes() const;
   [[nodiscard]] std::uint64_t objects() const;
@@ -107,6 +112,10 @@ class ModelFile {
   /// ecol of its mesh, the first counts[i] vertices and the triangles that it has then. In parallel. O(objects) when
   /// nothing is new. Precondition: one count per object, each 0 or in [min_vertices, max_vertices] of its mesh.
   void require(std::span<const std::uint32_t> counts);
+
+  /// Checks the maps of the meshes of all objects with counts[i] > 0, so that lay_out may read them. One count per
+  /// object; O(objects) when nothing is new.
+  void require_maps(std::span<const std::uint32_t> counts);
 
   /// Checks all of a section that is read as a whole, as for a copy to a GPU. Nothing to do the second time.
   void require_map();

@@ -28,6 +28,7 @@
 #include "scene/model_view.hpp"
 #include "scene/plant.hpp"
 #include "scene/progress_line.hpp"
+#include "scene/up_axis.hpp"
 #include "viewer/camera.hpp"
 #include "viewer/context.hpp"
 #include "viewer/cuda_frame.hpp"
@@ -61,17 +62,19 @@ scene::Scene import_files(const Options& options, const scene::Progress& progres
 }
 
 /// Where the camera starts: as told, else at the overview that the plant comes with, else with the whole model in view.
-Camera first_camera(const Options& options, const Box& box) {
+/// Up is what was asked for, or what the file says.
+Camera first_camera(const Options& options, scene::UpAxis of_file, const Box& box) {
   Camera camera;
   if (options.files.empty()) {
     const scene::PlantCamera plant = scene::plant_camera(options.plant);
     camera = {plant.position, plant.target, plant.up, glm::degrees(double{plant.vertical_fov})};
   }
-  if (options.up) camera.up = *options.up;
+  const scene::UpAxis up = options.up == scene::UpAxis::not_told ? of_file : options.up;
+  if (up != scene::UpAxis::not_told) camera.up = direction_of(up);
   if (options.camera) {
     return {options.camera->eye, options.camera->target, camera.up, options.camera->fov_degrees.value_or(45.0)};
   }
-  if (options.files.empty() && !options.up) return camera;
+  if (options.files.empty() && up == scene::UpAxis::not_told) return camera;
   return fit_camera(box, camera.up, 45.0, static_cast<double>(options.width) / options.height);
 }
 
@@ -174,7 +177,7 @@ FrameModel<Index> model_of(scene::ModelFile& file, std::uint32_t min_triangles) 
   FrameModel<Index> model{file.view<Index>(), {}, {}, {}};
   if (min_triangles > 0) file.require_map();
   model.load = [&file](std::span<const std::uint32_t> counts) { file.require(counts); };
-  model.load_maps = [&file](std::span<const std::uint32_t>) { file.require_map(); };
+  model.load_maps = [&file](std::span<const std::uint32_t> counts) { file.require_maps(counts); };
   model.load_tables = [&file] {
     file.require_map();
     file.require_ecol();
@@ -213,7 +216,7 @@ void show(const Options& options, const FrameModel<Index>& from, scene::ModelFil
   WindowState state;
   state.budget = options.budget;
   state.wireframe = options.wireframe;
-  state.camera = first_camera(options, box);
+  state.camera = first_camera(options, file != nullptr ? file->up() : scene::UpAxis::not_told, box);
   if (window != nullptr) {
     std::puts(controls);
     window->show(state, extent, std::uint64_t{1} << 32);
@@ -250,7 +253,9 @@ void show(const Options& options, const FrameModel<Index>& from, scene::ModelFil
         next.eye += state.camera.eye - last_camera.eye;
         next.target += state.camera.target - last_camera.target;
       }
-      if (next.eye != next.target) prefetcher->want(view_of(next, box, width, height), distribution);
+      BudgetOptions room = distribution;
+      if (frame->memory().streams) room.budget = std::min(room.budget, frame->memory().vertices);
+      if (next.eye != next.target) prefetcher->want(view_of(next, box, width, height), room);
     }
     last_camera = state.camera;
     const FrameTimes ms = frame->run(view, distribution);

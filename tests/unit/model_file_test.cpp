@@ -32,6 +32,7 @@ using pgl::scene::ModelFile;
 using pgl::scene::ModelFileWriter;
 using pgl::scene::ModelView;
 using pgl::scene::TemporaryFiles;
+using pgl::scene::UpAxis;
 using support::full_counts;
 using support::ModelBytes;
 using support::random_counts;
@@ -187,6 +188,7 @@ TEST(ModelFile, ItsBytesAreAsTheFormatSays) {
   EXPECT_EQ(file.get<std::uint32_t>(20), 32u);
   EXPECT_EQ(file.get<std::uint64_t>(24), file.bytes.size());
   EXPECT_EQ(file.get<std::uint32_t>(40), 13u);
+  EXPECT_EQ(file.get<std::uint32_t>(44), 0u);
   for (std::size_t s = 0; s < ModelBytes::sections; ++s) {
     EXPECT_EQ(file.get<std::uint32_t>(ModelBytes::entry(s)), s);
     EXPECT_EQ(file.first_byte(s) % 4096, 0u);
@@ -198,6 +200,31 @@ TEST(ModelFile, ItsBytesAreAsTheFormatSays) {
   ModelBytes sealed = file;
   sealed.seal();
   EXPECT_EQ(sealed.bytes, file.bytes);
+}
+
+TEST(ModelFile, SaysWhichAxisPointsUpIfThatWasTold) {
+  const TemporaryFolder folder;
+  std::mt19937 random(10);
+  const fs::path path = folder.path() / "m.pgl";
+  const auto model = random_model<Index16>(random, {});
+  write_model(path, model);
+  EXPECT_EQ(ModelFile(path).up(), UpAxis::not_told);
+  const std::string untold = support::read_bytes(path);
+  const std::pair<UpAxis, std::uint32_t> axes[] = {{UpAxis::x, 1}, {UpAxis::y, 2}, {UpAxis::z, 3}};
+  for (const auto& [up, number] : axes) {
+    ModelFileWriter writer(path);
+    writer.append(model);
+    writer.set_up(up);
+    writer.finish();
+    ModelFile file(path);
+    EXPECT_EQ(file.up(), up);
+    file.verify();
+    EXPECT_EQ(direction_of(file.up()), glm::dvec3(number == 1, number == 2, number == 3));
+    ModelBytes expected(untold);  // the header and nothing else says it
+    expected.put(44, number);
+    expected.seal_header();
+    EXPECT_EQ(support::read_bytes(path), expected.bytes);
+  }
 }
 
 // ---- the writer -----------------------------------------------------------------------------------------------------
@@ -522,6 +549,32 @@ TEST(ModelFile, APrefixOfAnObjectNeedsNotTheRest) {
   }
 }
 
+TEST(ModelFile, MapsMayBeCheckedBeforeTheRest) {
+  const TemporaryFolder folder;
+  std::mt19937 random(22);
+  Model<Index16> model;
+  do {  // the maps of the two meshes share no page
+    model = random_model<Index16>(random, {.meshes = 3, .objects = 3, .vertices = 50'000, .triangles = 60'000});
+  } while (model.meshes[1].max_vertices < model.meshes[1].min_vertices + 5000);
+  for (std::uint32_t i = 0; i < 3; ++i) model.objects[i].mesh = i;
+  const fs::path path = folder.path() / "m.pgl";
+  write_model(path, model);
+  ModelBytes bytes(support::read_bytes(path));
+  bytes.bytes[bytes.first_byte(ModelBytes::map) + 4 * model.meshes[2].first_map] ^= 1;
+  ModelFile file(folder.write("d.pgl", bytes.bytes));
+  (void)file.view<Index16>();
+  const std::uint64_t tables = file.bytes_verified();
+  file.require_maps({{model.meshes[0].max_vertices, 0, 0}});
+  const std::uint64_t one = file.bytes_verified();
+  EXPECT_GT(one, tables);
+  file.require_maps({{model.meshes[0].max_vertices, 0, 0}});
+  EXPECT_EQ(file.bytes_verified(), one);
+  const std::string error = error_of([&] { file.require_maps({{0, 0, model.meshes[2].max_vertices}}); });
+  EXPECT_NE(error.find("section 'map'"), std::string::npos) << error;
+  EXPECT_FALSE(error_of([&] { file.require_maps({{0, 0, model.meshes[2].max_vertices}}); }).empty());
+  file.require({{model.meshes[0].max_vertices, 0, 0}});
+}
+
 /// How many pages of the range the system has in memory.
 template <class Element>
 std::size_t pages_in_memory(std::span<const Element> range) {
@@ -704,7 +757,8 @@ TEST(ModelFile, RefusesHeadersThatMakeNoSenseThoughTheirChecksumIsRight) {
   EXPECT_NE(error([](ModelBytes& b) { b.put<std::uint32_t>(20, 8); }), "");
   EXPECT_NE(error([](ModelBytes& b) { b.put<std::uint64_t>(24, huge); }), "");
   EXPECT_NE(error([](ModelBytes& b) { b.put<std::uint32_t>(40, 12); }), "");
-  EXPECT_NE(error([](ModelBytes& b) { b.put<std::uint32_t>(44, 1); }), "");
+  for (const std::uint32_t up : {4u, 5u, 0x100u, 0x01000000u, 0xffffffffu})
+    EXPECT_NE(error([=](ModelBytes& b) { b.put<std::uint32_t>(44, up); }), "") << up;
   EXPECT_NE(error([](ModelBytes& b) { b.put<std::uint32_t>(12, 1); }), "");
   EXPECT_NE(error([](ModelBytes& b) { b.bytes[4000] = 1; }), "");
   EXPECT_EQ(error([](ModelBytes&) {}), "");  // and nothing changed is nothing wrong
@@ -745,6 +799,11 @@ TEST(ModelFile, RefusesContentsThatBreakARuleByOneThoughChecksumsAreRight) {
       file.require(full_counts(file.view<Index16>()));
     });
     EXPECT_EQ(used, drawn ? verified : "") << what;
+    const std::string maps = error_of([&] {
+      ModelFile file(path);
+      file.require_maps(full_counts(file.view<Index16>()));
+    });
+    EXPECT_EQ(maps, drawn && section != ModelBytes::triangles && section != ModelBytes::ecol ? verified : "") << what;
     const std::string sections = error_of([&] {
       ModelFile file(path);
       file.require_map();
