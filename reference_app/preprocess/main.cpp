@@ -3,6 +3,7 @@
 #include <sys/resource.h>
 
 #include <algorithm>
+#include <array>
 #include <chrono>
 #include <cmath>
 #include <csignal>
@@ -114,6 +115,8 @@ void print_file(const std::string& path) {
   row("vertices", file.vertices());
   row("triangles", file.triangles());
   row("index", file.wide() ? "32 bits" : "16 bits");
+  constexpr std::array<const char*, 4> up = {"not told", "x", "y", "z"};
+  row("up", up.at(static_cast<std::size_t>(file.up())));
   row("bytes", file.bytes());
   row("opened in", grouped(static_cast<std::uint64_t>(opened.count())) + " us");
 }
@@ -257,6 +260,7 @@ void build(const Options& options, Teller& teller) {
     } else {
       build_files(options, files, writer, teller, totals);
     }
+    writer.set_up(options.up);
     Stopwatch watch;
     writer.finish(teller.progress());
     totals.write += watch.lap();

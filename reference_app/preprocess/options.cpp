@@ -99,6 +99,9 @@ std::optional<Options> parse_options(int argc, const char* const* argv) {
   CLI::Option* boundary = parser.add_choice<BoundaryRule>(
       "--boundary", options.ecol.boundary, {{"locked", BoundaryRule::locked}, {"slide", BoundaryRule::slide}},
       "What vertices on open edges do [locked]");
+  CLI::Option* up = parser.add_choice<scene::UpAxis>(
+      "--up", options.up, {{"x", scene::UpAxis::x}, {"y", scene::UpAxis::y}, {"z", scene::UpAxis::z}},
+      "Which axis points up, for the viewer [z of the plant and of --warehouse, else y]");
   CLI::Option* batch = parser.add_number("--batch", options.batch, std::size_t{1}, std::size_t{1'000'000'000},
                                          "Triangles to build together: more keep more cores busy, and need more memory "
                                          "[2000000]");
@@ -120,7 +123,7 @@ std::optional<Options> parse_options(int argc, const char* const* argv) {
     if (verified->count() > 0 && shown->count() > 0) refuse("--info", "is one thing, --verify another");
     if (!options.inputs.empty()) refuse(look->get_name(), "takes one file and no models beside it");
     for (const CLI::Option* option :
-         {made, objects, seed, warehouse, split, flatten, weld, strict, metric, boundary, batch}) {
+         {made, objects, seed, warehouse, split, flatten, weld, strict, metric, boundary, up, batch}) {
       if (option->count() > 0) refuse(option->get_name(), "is for making a file, not for " + look->get_name());
     }
     return options;
@@ -136,6 +139,9 @@ std::optional<Options> parse_options(int argc, const char* const* argv) {
     for (const CLI::Option* option : {objects, seed}) {
       if (option->count() > 0) refuse(option->get_name(), "is for the plant, and model files are given");
     }
+  }
+  if (up->count() == 0) {
+    options.up = options.inputs.empty() || options.warehouse ? scene::UpAxis::z : scene::UpAxis::y;
   }
   if (refuse_non_finite) options.import.non_finite = scene::NonFinite::refuse_file;
   return options;

@@ -10,6 +10,7 @@
 #include "pgl/build_ecol.hpp"
 #include "scene/import.hpp"
 #include "scene/plant.hpp"
+#include "scene/up_axis.hpp"
 
 namespace pgl::preprocess {
 
@@ -23,8 +24,9 @@ struct Options {
   scene::ImportOptions import;
   EcolOptions ecol;
   bool warehouse = false;
-  std::size_t batch = 2'000'000;  ///< triangles that small models are built together up to
-  int threads = 0;                ///< 0: all
+  scene::UpAxis up = scene::UpAxis::not_told;  ///< told where a file is made
+  std::size_t batch = 2'000'000;               ///< triangles that small models are built together up to
+  int threads = 0;                             ///< 0: all
 };
 
 /// Reads the command line. Prints help or version and returns nothing when they were asked for.

@@ -275,6 +275,7 @@ struct ModelFileWriter::State {
   TemporaryFile out;
   Spill vertices, triangles, ecol, map;
   bool wide = false;
+  UpAxis up = UpAxis::not_told;
   std::vector<pgl::Mesh> meshes;
   std::vector<pgl::Object> objects;
   std::vector<pgl::Box> mesh_boxes;
@@ -352,6 +353,11 @@ std::uint64_t ModelFileWriter::triangles() const {
   return state_->triangles.count;
 }
 
+void ModelFileWriter::set_up(UpAxis up) {
+  PGL_ASSERT(up <= UpAxis::z);
+  state_->up = up;
+}
+
 void ModelFileWriter::finish(const Progress& progress) {
   State& s = *state_;
   for (const pgl::Object& object : s.objects)
@@ -399,6 +405,7 @@ void ModelFileWriter::finish(const Progress& progress) {
   header.file_bytes = layout.file_bytes;
   header.root = checksums.empty() ? 0 : checksums[0];
   header.number_of_sections = format::section_count;
+  header.up = static_cast<std::uint32_t>(s.up);
   for (std::uint32_t section = 0; section < format::section_count; ++section)
     header.sections[section] = {section, static_cast<std::uint32_t>(format::element_bytes(section, s.wide)),
                                 layout.first_byte[section], layout.count[section]};

@@ -79,7 +79,7 @@ struct Header {
   std::uint64_t file_bytes;
   std::uint64_t root;  ///< checksum of the last page of checksums, 0 if there is none
   std::uint32_t number_of_sections;
-  std::uint32_t reserved;
+  std::uint32_t up;  ///< 0 not told, 1 x, 2 y, 3 z
   std::array<SectionEntry, section_count> sections;
   std::array<unsigned char, page_bytes - 8 - 48 - section_count * sizeof(SectionEntry)> zero;
   std::uint64_t checksum;  ///< of all before it

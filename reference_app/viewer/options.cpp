@@ -192,10 +192,9 @@ std::optional<Options> parse_options(int argc, const char* const* argv) {
   CLI::Option* prefetch = app.add_flag("--prefetch,!--no-prefetch", options.prefetch,
                                        "Read a .pgl file ahead of the frames, on a thread of its own [on]");
 
-  parser.add_choice<std::optional<glm::dvec3>>(
-      "--up", options.up,
-      {{"x", glm::dvec3(1.0, 0.0, 0.0)}, {"y", glm::dvec3(0.0, 1.0, 0.0)}, {"z", glm::dvec3(0.0, 0.0, 1.0)}},
-      "Which axis of the model points up [z of the plant, y of files]");
+  parser.add_choice<scene::UpAxis>(
+      "--up", options.up, {{"x", scene::UpAxis::x}, {"y", scene::UpAxis::y}, {"z", scene::UpAxis::z}},
+      "Which axis of the model points up [as a .pgl file says, else z of the plant, y of files]");
   CLI::Option* camera =
       parser
           .add("--camera", "Eye, target, vertical field of view in degrees [whole model]",

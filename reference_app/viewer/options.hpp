@@ -12,6 +12,7 @@
 #include "pgl/distribute_budget.hpp"
 #include "scene/import.hpp"
 #include "scene/plant.hpp"
+#include "scene/up_axis.hpp"
 #include "viewer/camera.hpp"
 #include "viewer/occlusion.hpp"
 #include "viewer/streaming.hpp"
@@ -42,9 +43,9 @@ struct Options {
   StreamOptions stream;
   bool prefetch = true;  ///< a model file is read ahead of the frames
 
-  std::optional<glm::dvec3> up;        ///< the world's up axis; none: z of the plant, y of files
-  std::optional<CameraOption> camera;  ///< none: the whole model
-  int width = 1280, height = 720;      ///< pixels, 1..16384
+  scene::UpAxis up = scene::UpAxis::not_told;  ///< none: as a model file says, else z of the plant, y of files
+  std::optional<CameraOption> camera;          ///< none: the whole model
+  int width = 1280, height = 720;              ///< pixels, 1..16384
   bool wireframe = false;
   bool orbit = false;     ///< the camera turns by one degree a frame
   bool fly = false;       ///< the camera flies through the model, once in all the frames

@@ -328,6 +328,31 @@ TEST_F(Preprocess, SaysWhatIsInAFileAndWhetherItIsWhole) {
   }
 }
 
+TEST_F(Preprocess, TheFileSaysWhichAxisPointsUp) {
+  const std::string model = fixture("objects.obj").string();
+  const auto expect_up = [&](const std::vector<std::string>& arguments, UpAxis up, const std::string& name) {
+    std::vector<std::string> all{"-o", "up.pgl"};
+    all.insert(all.end(), arguments.begin(), arguments.end());
+    const Outcome made = run(all);
+    EXPECT_EQ(made.code, 0) << made.err;
+    EXPECT_EQ(ModelFile(folder_.path() / "up.pgl").up(), up) << testing::PrintToString(arguments);
+    const std::string told = "up" + std::string(33 - name.size(), ' ') + name + "\n";
+    EXPECT_NE(made.out.find("\n" + told), std::string::npos) << made.out;
+    EXPECT_NE(run({"--info", "up.pgl"}).out.find("\n" + told), std::string::npos) << told;
+  };
+  expect_up({"--objects", "3"}, UpAxis::z, "z");
+  expect_up({"--objects", "3", "--up", "y"}, UpAxis::y, "y");
+  expect_up({model}, UpAxis::y, "y");
+  expect_up({model, "--up", "z"}, UpAxis::z, "z");
+  expect_up({model, "--up", "z", "--up", "x"}, UpAxis::x, "x");
+  expect_up({model, "--warehouse"}, UpAxis::z, "z");
+  expect_up({model, "--warehouse", "--up", "x"}, UpAxis::x, "x");
+
+  ModelFileWriter writer(folder_.path() / "untold.pgl");  // as a program may that does not know
+  writer.finish();
+  EXPECT_NE(run({"--info", "untold.pgl"}).out.find(" not told\n"), std::string::npos);
+}
+
 TEST_F(Preprocess, DamageIsFoundByVerify) {
   make({"-o", "plant.pgl", "--objects", "50"});
   const std::string whole = bytes("plant.pgl");
@@ -365,6 +390,7 @@ TEST_F(Preprocess, ImpossibleOptionsAreToldInOneLine) {
   refused({"-o", "a.pgl", "--boundary", "none"}, "--boundary");
   refused({"-o", "a.pgl", "--threads", "0"}, "--threads");
   refused({"-o", "a.pgl", "--batch", "0"}, "--batch");
+  for (const char* up : {"w", "", "-z", "Z"}) refused({"-o", "a.pgl", "--up", up}, "--up");
   refused({"-o", "a.pgl", "--unknown"}, "--unknown");
   for (const char* option : {"--split", "--flatten", "--warehouse", "--refuse-non-finite"})
     refused({"-o", "a.pgl", option}, option);
@@ -374,6 +400,7 @@ TEST_F(Preprocess, ImpossibleOptionsAreToldInOneLine) {
   refused({"--info", "a.pgl", "-o", "b.pgl"}, "--output");
   refused({"--info", "a.pgl", "--warehouse"}, "--warehouse");
   refused({"--verify", "a.pgl", "--seed", "2"}, "--seed");
+  refused({"--info", "a.pgl", "--up", "z"}, "--up");
 }
 
 TEST_F(Preprocess, WhatCannotBeReadOrWrittenIsToldInOneLineAndNothingIsLeft) {

@@ -14,8 +14,12 @@
 #include <set>
 #include <sstream>
 #include <string>
+#include <variant>
 #include <vector>
 
+#include "scene/build_model.hpp"
+#include "scene/import.hpp"
+#include "scene/model_file.hpp"
 #include "support/test_data.hpp"
 
 namespace {
@@ -333,6 +337,32 @@ TEST_F(Viewer, AutomaticCameraHasTheWholeModelInThePicture) {
       EXPECT_EQ(image.at(0, y), background);
       EXPECT_EQ(image.at(image.width - 1, y), background);
     }
+  }
+}
+
+TEST_F(Viewer, UpIsWhatWasAskedForElseWhatTheModelFileSays) {
+  using pgl::scene::UpAxis;
+  const pgl::scene::AnyModel model =
+      pgl::scene::build_any_model(pgl::scene::import_scene(support::fixture("objects.obj")), {});
+  const Json axes[] = {{0.0, 1.0, 0.0}, {1.0, 0.0, 0.0}, {0.0, 1.0, 0.0}, {0.0, 0.0, 1.0}};
+  const std::vector<std::string> small = {"--headless", "--size", "64x48"};
+  for (const UpAxis told : {UpAxis::not_told, UpAxis::x, UpAxis::y, UpAxis::z}) {
+    pgl::scene::ModelFileWriter writer(folder_ / "model.pgl");
+    std::visit([&](const auto& part) { writer.append(part); }, model);
+    writer.set_up(told);
+    writer.finish();
+    const Json of_file = statistics(with(small, {"model.pgl"}));
+    SKIP_WITHOUT_GL(of_file);
+    EXPECT_EQ(of_file["camera"]["up"], axes[static_cast<std::size_t>(told)]);
+    const std::string names[] = {"", "x", "y", "z"};
+    for (std::size_t asked = 1; asked < 4; ++asked) {
+      const std::vector<std::string> arguments = with(small, {"--up", names[asked], "model.pgl"});
+      EXPECT_EQ(statistics(arguments)["camera"]["up"], axes[asked]);
+      const Json from = statistics(with(arguments, {"--camera", "5,6,7,0,0,0"}));
+      EXPECT_EQ(from["camera"]["up"], axes[asked]);
+    }
+    EXPECT_EQ(statistics(with(small, {"--camera", "5,6,7,0,0,0", "model.pgl"}))["camera"]["up"],
+              of_file["camera"]["up"]);
   }
 }
 
