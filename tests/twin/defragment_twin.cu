@@ -182,6 +182,15 @@ TEST(DefragmentTwin, SameBytesAroundTheEdgesOfWarpsAndTiles) {
   }
 }
 
+/// More than a large block of threads has shared memory for, if each of its warps is to have one.
+TEST(DefragmentTwin, SameBytesForElementsOfTwoKilobytes) {
+  PGL_NEEDS_DEVICE();
+  std::mt19937 random(12);
+  const Offsets a = offsets_of({3, 60, 0, 1, 40, 0, 2});
+  EXPECT_TRUE((agree_both_ways<Element<2048, 16>>(random, a, offsets_of({5, 55, 1, 1, 50, 0, 0}))));
+  EXPECT_TRUE((agree_both_ways<Element<2047, 1>>(random, a, offsets_of({0, 70, 0, 0, 41, 3, 9}))));
+}
+
 /// By one element and by about a tile: then all of a tile's tickets wait for others.
 TEST(DefragmentTwin, SameBytesWhereAllShift) {
   PGL_NEEDS_DEVICE();
