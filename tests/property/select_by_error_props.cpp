@@ -112,7 +112,9 @@ RC_GTEST_PROP(PixelsPerUnitProps, noPointInViewMovesFartherOnTheScreen, ()) {
     if (pixels == infinite) continue;
     const glm::vec3 at = numbers::point_near(view, k), to = numbers::point_near(view, k);
     const float step = std::ldexp(1.0f, numbers::whole(-20, 0));
-    const exact::Point p = exact::point(at), q = exact::point(at + (to - at) * step);
+    const glm::vec3 beside = at + (to - at) * step;
+    if (!(std::isfinite(beside.x) && std::isfinite(beside.y) && std::isfinite(beside.z))) continue;
+    const exact::Point p = exact::point(at), q = exact::point(beside);
     const Number w[2] = {exact::row_times(view.clip_from_world, 3, p), exact::row_times(view.clip_from_world, 3, q)};
     if (w[0] <= 0 || w[1] <= 0) continue;
     Number window[2][2];  // about the viewport's middle, in pixels
