@@ -168,19 +168,19 @@ namespace detail {
 struct Wide {
   std::uint64_t high = 0;
   std::uint64_t low = 0;
+  friend PGL_HD constexpr bool operator<(const Wide& a, const Wide& b) {
+    return a.high != b.high ? a.high < b.high : a.low < b.low;
+  }
+  friend PGL_HD constexpr Wide operator+(const Wide& a, const Wide& b) {
+    const std::uint64_t low = a.low + b.low;
+    return {a.high + b.high + (low < a.low ? 1 : 0), low};
+  }
+  friend PGL_HD constexpr Wide operator-(const Wide& a, const Wide& b) {
+    return {a.high - b.high - (a.low < b.low ? 1 : 0), a.low - b.low};
+  }
 };
 
-PGL_HD constexpr bool is_less(const Wide& a, const Wide& b) {
-  return a.high != b.high ? a.high < b.high : a.low < b.low;
-}
-PGL_HD constexpr Wide sum(const Wide& a, const Wide& b) {
-  const std::uint64_t low = a.low + b.low;
-  return {a.high + b.high + (low < a.low ? 1 : 0), low};
-}
-PGL_HD constexpr Wide difference(const Wide& a, const Wide& b) {
-  return {a.high - b.high - (a.low < b.low ? 1 : 0), a.low - b.low};
-}
-PGL_HD constexpr Wide product(std::uint64_t a, std::uint64_t b) {
+PGL_HD constexpr Wide wide_product(std::uint64_t a, std::uint64_t b) {
   constexpr std::uint64_t low_half = 0xffffffffu;
   const std::uint64_t a0 = a & low_half, a1 = a >> 32, b0 = b & low_half, b1 = b >> 32;
   const std::uint64_t outer = a0 * b0, cross0 = a0 * b1, cross1 = a1 * b0;
@@ -188,8 +188,8 @@ PGL_HD constexpr Wide product(std::uint64_t a, std::uint64_t b) {
   return {a1 * b1 + (cross0 >> 32) + (cross1 >> 32) + (middle >> 32), middle << 32 | (outer & low_half)};
 }
 /// Precondition: the product is below 2^128.
-PGL_HD constexpr Wide product(const Wide& a, std::uint32_t b) {
-  const Wide low = product(a.low, std::uint64_t{b});
+PGL_HD constexpr Wide wide_product(const Wide& a, std::uint32_t b) {
+  const Wide low = wide_product(a.low, std::uint64_t{b});
   return {low.high + a.high * b, low.low};
 }
 
@@ -205,18 +205,19 @@ struct SplitCost {
 
 /// Exact integers. Preconditions: loads below 2^63, weights at most 2^38.
 PGL_HD constexpr SplitCost split_cost(const SplitLoads& loads, const SplitLoads& weights) {
-  const detail::Wide l = detail::product(loads.left, weights.right), r = detail::product(loads.right, weights.left);
-  if (detail::is_less(r, l)) return {l, detail::difference(l, r), true};
-  return {r, detail::difference(r, l), false};
+  const detail::Wide l = detail::wide_product(loads.left, weights.right);
+  const detail::Wide r = detail::wide_product(loads.right, weights.left);
+  if (r < l) return {l, l - r, true};
+  return {r, r - l, false};
 }
 
 /// Tells whether the split at border `a` is to be preferred to that at `b`: the smaller larger share, then the smaller
 /// difference, then the lower border. A total order.
 PGL_HD constexpr bool is_better(const SplitCost& cost_a, std::uint32_t a, const SplitCost& cost_b, std::uint32_t b) {
-  if (detail::is_less(cost_a.larger, cost_b.larger)) return true;
-  if (detail::is_less(cost_b.larger, cost_a.larger)) return false;
-  if (detail::is_less(cost_a.difference, cost_b.difference)) return true;
-  if (detail::is_less(cost_b.difference, cost_a.difference)) return false;
+  if (cost_a.larger < cost_b.larger) return true;
+  if (cost_b.larger < cost_a.larger) return false;
+  if (cost_a.difference < cost_b.difference) return true;
+  if (cost_b.difference < cost_a.difference) return false;
   return a < b;
 }
 
@@ -225,8 +226,8 @@ PGL_HD constexpr bool is_better(const SplitCost& cost_a, std::uint32_t a, const 
 PGL_HD constexpr bool is_balanced(const SplitCost& cost, float threshold) {
   constexpr std::uint32_t one = 1u << 24;
   const auto steps = static_cast<std::uint32_t>(ieee::mul(threshold, 0x1p24f));
-  const detail::Wide sum = detail::difference(detail::sum(cost.larger, cost.larger), cost.difference);  // below 2^102
-  return !detail::is_less(detail::product(sum, steps), detail::product(cost.difference, one));
+  const detail::Wide sum = cost.larger + cost.larger - cost.difference;  // below 2^102
+  return !(detail::wide_product(sum, steps) < detail::wide_product(cost.difference, one));
 }
 
 /// Finds a border by BalancePolicy::bisection, from 1 to bins - 1. At most floor(log2(bins - 1)) + 1 borders are looked

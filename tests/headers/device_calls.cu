@@ -2,6 +2,7 @@
 // Calls the rules from a kernel, so that their device code is compiled and not only parsed.
 #include <cstdint>
 
+#include "pgl/balance.hpp"
 #include "pgl/bounds.hpp"
 #include "pgl/build_ecol.hpp"
 #include "pgl/build_hzm.hpp"
@@ -105,6 +106,22 @@ __global__ void delta_kernel(const std::uint64_t* previous_offsets, const std::u
   parts[i] = pgl::part_within(kept, kept.to, kept.to + pgl::delta_part(previous_offsets, offsets, i).size);
   parts[i].size += pgl::moves(kept, pgl::Shift::right) ? 1 : 0;
   waits[i] = pgl::tickets_before_write(previous_offsets, offsets, n, 100, i);
+}
+
+__global__ void balance_kernel(const pgl::ScreenBox* rectangles, const std::uint32_t* weights,
+                               pgl::BalanceOptions options, pgl::LoadSums sums, pgl::TileNode* nodes,
+                               std::uint8_t* flags) {
+  const unsigned i = blockIdx.x * blockDim.x + threadIdx.x;
+  const pgl::TileBins bins = pgl::tile_bins(nodes[i], options);
+  const pgl::SplitLoads node_weights = pgl::split_weights(nodes[i], weights);
+  std::uint32_t first = 0, last = pgl::unloaded_cut(bins, node_weights);
+  if (pgl::touched_bins(pgl::touched_pixels(rectangles[i], 1920, 1080), bins, first, last))
+    last = pgl::bisected_border(sums, bins.count, node_weights, options.threshold);
+  const pgl::SplitCost a = pgl::split_cost(sums.at(first), node_weights);
+  const pgl::SplitCost b = pgl::split_cost(sums.at(last), node_weights);
+  const bool better = pgl::is_valid(options) && pgl::is_better(a, first, b, last);
+  nodes[i] = pgl::halves(nodes[i], bins, pgl::bin_begin(bins, better ? first : last)).left;
+  flags[i] = pgl::is_in_tile(rectangles[i], 1, nodes[i].tile) && pgl::is_balanced(a, 0.1f) ? 1 : 0;
 }
 
 __global__ void vertex_kernel(const pgl::Object* objects, const glm::vec3* vertices, const std::uint32_t* ecol,

@@ -10,6 +10,7 @@
 #include <span>
 #include <vector>
 
+#include "pgl/host/balance.hpp"
 #include "pgl/host/bounds.hpp"
 #include "pgl/host/build_ecol.hpp"
 #include "pgl/host/build_hzm.hpp"
@@ -580,6 +581,42 @@ void stream(Hash& hash) {
   }
 }
 
+/// balance and in_tile, on rectangles as project writes them and on any others.
+void balance(Hash& hash) {
+  Random random(13);
+  constexpr std::size_t n = 20000;
+  const std::vector<pgl::Box> boxes = some_boxes(random, n);
+  std::vector<float> areas(n), depths(n);
+  std::vector<pgl::ScreenBox> rectangles(n);
+  std::vector<std::uint32_t> loads(n);
+  std::vector<std::uint8_t> flags(n);
+  pgl::host::BalanceWorkspace workspace;
+  for (std::uint32_t i = 0; i < 24; ++i) {
+    pgl::host::project(boxes, {}, a_view(random), areas, depths, rectangles);
+    for (std::size_t k = 0; k < n; ++k) {
+      loads[k] = random.below(i % 5 == 0 ? 0xffffffffu : 1000);
+      if (random.below(16) == 0)
+        rectangles[k] = {random.any<float>(), random.any<float>(), random.any<float>(), random.any<float>(), 1.0f};
+      else if (random.below(4) > 0)  // most objects are small
+        rectangles[k].x1 = ieee::add(rectangles[k].x0, 9.5f);
+    }
+    std::vector<std::uint32_t> weights(1 + i * 63 / 23);
+    for (std::uint32_t& weight : weights) weight = 1 + random.below(i % 3 == 0 ? 1 : 1000000);
+    const pgl::BalanceOptions options{
+        .policy = i % 2 == 0 ? pgl::BalancePolicy::histogram : pgl::BalancePolicy::bisection,
+        .threshold = ieee::mul(0.01f, static_cast<float>(i)),
+        .bins = i % 4 == 0 ? 100u : 0u};
+    std::vector<pgl::Tile> tiles(weights.size());
+    std::vector<std::uint64_t> tile_loads(weights.size());
+    pgl::host::balance(rectangles, loads, 1920, 1080, weights, options, workspace, tiles, tile_loads);
+    for (const pgl::Tile& tile : tiles)
+      for (const std::uint32_t side : {tile.x0, tile.y0, tile.x1, tile.y1}) hash(std::uint64_t{side});
+    hash(tile_loads);
+    pgl::host::in_tile(rectangles, loads, tiles[tiles.size() / 2], flags);
+    hash(flags);
+  }
+}
+
 void print(const char* name, void (*rule)(Hash&)) {
   Hash hash;
   rule(hash);
@@ -603,4 +640,5 @@ int main() {
   print("rearrange", rearrange);
   print("reform and gather", reform_and_gather);
   print("stream", stream);
+  print("balance", balance);
 }
