@@ -2,34 +2,25 @@
 // What the command line of pgl_viewer asks for.
 #include "viewer/options.hpp"
 
-#include <CLI/CLI.hpp>
-
 #include <algorithm>
 #include <array>
-#include <charconv>
 #include <cmath>
-#include <functional>
 #include <limits>
 #include <stdexcept>
 #include <string_view>
-#include <utility>
 
+#include "scene/command_line.hpp"
 #include "viewer/cuda_frame.hpp"
 #include "viewer/output.hpp"
-#include "viewer/report.hpp"
 
 namespace pgl::viewer {
 
-namespace {
+using scene::number;
+using scene::OptionList;
+using scene::refuse;
+using scene::refuse_given;
 
-/// The whole text as a number in [low, high]; decimal, finite, nothing around it.
-template <class T>
-std::optional<T> number(std::string_view text, T low, T high) {
-  T value{};
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-  if (error != std::errc{} || end != text.data() + text.size() || !(value >= low && value <= high)) return {};
-  return value;
-}
+namespace {
 
 std::vector<std::string_view> cut(std::string_view text, char separator) {
   std::vector<std::string_view> parts;
@@ -41,88 +32,20 @@ std::vector<std::string_view> cut(std::string_view text, char separator) {
   return parts;
 }
 
-[[noreturn]] void refuse(const std::string& option, const std::string& why) {
-  throw std::runtime_error(option + ": " + why);
-}
-
-class Parser {
- public:
-  template <class T>
-  CLI::Option* add_number(const std::string& name, T& value, T low, T high, const std::string& help) {
-    CLI::Option* option = add(name, help, [=, &value](const std::string& text) {
-      const auto given = number<T>(text, low, high);
-      if (!given) refuse(name, "needs a number from " + shown(low) + " to " + shown(high) + ", not '" + text + "'");
-      value = *given;
-    });
-    return option->type_name("N");
-  }
-
-  template <class T>
-  CLI::Option* add_choice(const std::string& name, T& value, std::vector<std::pair<std::string, T>> choices,
-                          const std::string& help) {
-    std::string names;
-    for (const auto& choice : choices) names += (names.empty() ? "" : "|") + choice.first;
-    CLI::Option* option = add(name, help, [=, &value](const std::string& text) {
-      for (const auto& [known, meaning] : choices) {
-        if (text == known) {
-          value = meaning;
-          return;
-        }
-      }
-      refuse(name, "needs " + names + ", not '" + text + "'");
-    });
-    return option->type_name(names);
-  }
-
-  CLI::Option* add(const std::string& name, const std::string& help, std::function<void(const std::string&)> read) {
-    return app.add_option_function<std::string>(name, read, help)->type_name("");
-  }
-
-  CLI::App app{"Draws a model inside a vertex budget: in a window, or into a picture where there is no display.",
-               "pgl_viewer"};
-
- private:
-  template <class T>
-  static std::string shown(T value) {
-    char text[32];
-    const auto end = std::to_chars(text, text + sizeof text, value).ptr;
-    return {text, end};
-  }
-};
-
 }  // namespace
 
 std::optional<Options> parse_options(int argc, const char* const* argv) {
   Options options;
-  Parser parser;
-  CLI::App& app = parser.app;
-  app.set_version_flag("--version", "pgl_viewer " + pgl_version());
+  scene::CommandLine line(
+      "pgl_viewer", "Draws a model inside a vertex budget: in a window, or into a picture where there is no display.");
+  line.add_files("files", options.files,
+                 "Models: OBJ, PLY, STL, glTF, GLB, or one .pgl of pgl_preprocess; none: a made-up plant");
+  CLI::App& app = line.app;
+  const OptionList plant = add_plant_options(line, options.plant, 718'000);
+  const scene::ImportOptionLists import = add_import_options(line, options.import);
+  const OptionList ecol = add_ecol_options(line, options.ecol);
 
-  app.add_option("files", options.files,
-                 "Models: OBJ, PLY, STL, glTF, GLB, or one .pgl of pgl_preprocess; none: a made-up plant")
-      ->type_name("");
-  app.option_defaults()->multi_option_policy(CLI::MultiOptionPolicy::TakeLast);  // an option given twice: the last
-  CLI::Option* objects = parser.add_number("--objects", options.plant.objects, std::size_t{1}, std::size_t{718'000},
-                                           "Objects of the plant [2000]");
-  CLI::Option* seed = parser.add_number("--seed", options.plant.seed, std::uint64_t{0},
-                                        std::numeric_limits<std::uint64_t>::max(), "Seed of the plant [1]");
-  CLI::Option* split = app.add_flag("--split", options.import.split, "Every connected part becomes an object");
-  CLI::Option* flatten = app.add_flag("--flatten", options.import.flatten, "No shared meshes: one per object");
-  CLI::Option* weld = app.add_flag("--weld,!--no-weld", options.import.weld, "Merge identical vertices [on]");
-  bool refuse_non_finite = false;
-  CLI::Option* strict = app.add_flag("--refuse-non-finite", refuse_non_finite,
-                                     "Refuse a file with NaN or infinite vertices instead of dropping their objects");
-
-  CLI::Option* metric = parser.add_choice<CostMetric>(
-      "--metric", options.ecol.metric,
-      {{"quadric", CostMetric::quadric}, {"melax", CostMetric::melax}, {"edge-length", CostMetric::edge_length}},
-      "What a collapse costs [quadric]");
-  CLI::Option* boundary = parser.add_choice<BoundaryRule>(
-      "--boundary", options.ecol.boundary, {{"locked", BoundaryRule::locked}, {"slide", BoundaryRule::slide}},
-      "What vertices on open edges do [locked]");
-
-  parser
-      .add("--budget", "Vertices to draw, at most 2^32 [1000000]",
+  line.add("--budget", "Vertices to draw, at most 2^32 [1000000]",
            [&](const std::string& text) {
              constexpr std::uint64_t most = std::uint64_t{1} << 32;
              const auto given = text == "all" ? most : number<std::uint64_t>(text, 0, most);
@@ -130,27 +53,25 @@ std::optional<Options> parse_options(int argc, const char* const* argv) {
              options.budget = *given;
            })
       ->type_name("N|all");
-  parser.add_number("--alpha", options.distribution.alpha, std::nextafter(1.0f, 2.0f), 64.0f,
-                    "Above 1 to 64: small favours area on the screen, large detailed objects [3]");
-  parser.add_number("--pet", options.distribution.pet, 0.0f, std::numeric_limits<float>::max(),
-                    "Objects of fewer square pixels are not drawn [1]");
-  parser.add_number("--min-triangles", options.min_triangles, 0u, std::numeric_limits<std::uint32_t>::max(),
-                    "A drawn object keeps at least so many triangles [0]");
-  parser.add_choice<BudgetPolicy>(
+  line.add_number("--alpha", options.distribution.alpha, std::nextafter(1.0f, 2.0f), 64.0f,
+                  "Above 1 to 64: small favours area on the screen, large detailed objects [3]");
+  line.add_number("--pet", options.distribution.pet, 0.0f, std::numeric_limits<float>::max(),
+                  "Objects of fewer square pixels are not drawn [1]");
+  line.add_number("--min-triangles", options.min_triangles, 0u, std::numeric_limits<std::uint32_t>::max(),
+                  "A drawn object keeps at least so many triangles [0]");
+  line.add_choice<BudgetPolicy>(
       "--policy", options.distribution.policy,
       {{"exact", BudgetPolicy::exact}, {"fair", BudgetPolicy::fair}, {"paper", BudgetPolicy::paper}},
       "How the budget is met: fair leaves objects out only where it must [exact]");
-  parser.add_choice<BackendKind>("--backend", options.backend,
-                                 {{"host", BackendKind::host}, {"cuda", BackendKind::cuda}},
-                                 "What prepares the frames: the CPU or the GPU, to the same bits [host]");
-  parser.add_number("--threads", options.threads, 1, 1024, "Threads of the host [all]");
-  parser.add_choice<OcclusionMode>(
+  line.add_choice<BackendKind>("--backend", options.backend, {{"host", BackendKind::host}, {"cuda", BackendKind::cuda}},
+                               "What prepares the frames: the CPU or the GPU, to the same bits [host]");
+  line.add_number("--threads", options.threads, 1, 1024, "Threads of the host [all]");
+  line.add_choice<OcclusionMode>(
       "--occlusion", options.occlusion.mode,
       {{"on", OcclusionMode::on}, {"off", OcclusionMode::off}, {"temporal", OcclusionMode::temporal}},
       "Leave out what a few objects hide: the heaviest in view, or temporal: of those seen before; "
       "one sample a pixel [off]");
-  CLI::Option* aos = parser
-                         .add("--aos", "Objects that may hide others, temporal: up to twice as many [500]",
+  CLI::Option* aos = line.add("--aos", "Objects that may hide others, temporal: up to twice as many [500]",
                               [&](const std::string& text) {
                                 constexpr std::size_t most = std::numeric_limits<std::uint32_t>::max();
                                 const auto given = text == "all" ? most : number<std::size_t>(text, 0, most);
@@ -160,17 +81,17 @@ std::optional<Options> parse_options(int argc, const char* const* argv) {
                                 options.occlusion.aos = *given;
                               })
                          ->type_name("N|all");
-  CLI::Option* compactness = parser.add_number("--compactness", options.occlusion.compactness, 0.0f, 1.0f,
-                                               "Only objects at least so compact hide others: 0 any, 1 boxes [0.5]");
-  CLI::Option* refine = parser.add_number("--refine", options.occlusion.refinement, 0u, 16u,
-                                          "Levels of finer tests, 0 to 16, where 2x2 texels do not tell [2]");
+  CLI::Option* compactness = line.add_number("--compactness", options.occlusion.compactness, 0.0f, 1.0f,
+                                             "Only objects at least so compact hide others: 0 any, 1 boxes [0.5]");
+  CLI::Option* refine = line.add_number("--refine", options.occlusion.refinement, 0u, 16u,
+                                        "Levels of finer tests, 0 to 16, where 2x2 texels do not tell [2]");
 
-  parser.add_choice<StreamMode>(
+  line.add_choice<StreamMode>(
       "--stream", options.stream.mode,
       {{"auto", StreamMode::automatic}, {"always", StreamMode::always}, {"never", StreamMode::never}},
       "Send vertices and triangles as frames need them, not the whole model: auto, where it does not fit [auto]");
   const auto add_bytes = [&](const std::string& name, std::optional<std::uint64_t>& bytes, const std::string& help) {
-    return parser
+    return line
         .add(name, help,
              [name, &bytes](const std::string& text) {
                const std::string_view units = "KMG";
@@ -192,12 +113,10 @@ std::optional<Options> parse_options(int argc, const char* const* argv) {
   CLI::Option* prefetch = app.add_flag("--prefetch,!--no-prefetch", options.prefetch,
                                        "Read a .pgl file ahead of the frames, on a thread of its own [on]");
 
-  parser.add_choice<scene::UpAxis>(
-      "--up", options.up, {{"x", scene::UpAxis::x}, {"y", scene::UpAxis::y}, {"z", scene::UpAxis::z}},
-      "Which axis of the model points up [as a .pgl file says, else z of the plant, y of files]");
+  add_up_option(line, options.up,
+                "Which axis of the model points up [as a .pgl file says, else z of the plant, y of files]");
   CLI::Option* camera =
-      parser
-          .add("--camera", "Eye, target, vertical field of view in degrees [whole model]",
+      line.add("--camera", "Eye, target, vertical field of view in degrees [whole model]",
                [&](const std::string& text) {
                  constexpr double most = 1e30;
                  std::vector<double> numbers;
@@ -223,8 +142,7 @@ std::optional<Options> parse_options(int argc, const char* const* argv) {
                  options.camera = given_camera;
                })
           ->type_name("ex,ey,ez,tx,ty,tz[,fov]");
-  parser
-      .add("--size", "Pixels, 1 to 16384 each way [1280x720]",
+  line.add("--size", "Pixels, 1 to 16384 each way [1280x720]",
            [&](const std::string& text) {
              const auto parts = cut(text, 'x');
              const auto width = number<int>(parts[0], 1, 16384);
@@ -240,7 +158,7 @@ std::optional<Options> parse_options(int argc, const char* const* argv) {
   CLI::Option* orbit = app.add_flag("--orbit", options.orbit, "Turn the camera around the model by a degree a frame");
   app.add_flag("--fly", options.fly, "Fly the camera through the model, once in all --frames");
   app.add_flag("--headless", options.headless, "No window, even where there is a display");
-  parser.add_number("--frames", options.frames, 1, 1'000'000, "Frames before it ends [1 headless, no end in a window]");
+  line.add_number("--frames", options.frames, 1, 1'000'000, "Frames before it ends [1 headless, no end in a window]");
   CLI::Option* output =
       app.add_option("--output", options.output, "Write the last frame as a PNG")->type_name("FILE.png");
   CLI::Option* reference =
@@ -250,55 +168,33 @@ std::optional<Options> parse_options(int argc, const char* const* argv) {
       app.add_option("--stats", options.stats, "Write what was measured as JSON")->type_name("FILE.json");
   app.add_flag("--checksums", options.checksums, "With --stats: the checksum of every frame, not only the last");
 
-  try {
-    app.parse(argc, argv);
-  } catch (const CLI::Success& asked) {  // help, version
-    app.exit(asked);
-    return {};
-  } catch (const CLI::ParseError& error) {
-    throw std::runtime_error(error.what());
-  }
+  if (!line.parse(argc, argv)) return {};
 
-  if (options.files.empty()) {
-    for (const CLI::Option* option : {split, flatten, strict}) {
-      if (option->count() > 0) refuse(option->get_name(), "is for model files, and none is given");
-    }
-  } else {
-    for (const CLI::Option* option : {objects, seed}) {
-      if (option->count() > 0) refuse(option->get_name(), "is for the plant, and model files are given");
-    }
-  }
+  scene::refuse_of_other_source(!options.files.empty(), plant, import.of_files);
   if (options.backend == BackendKind::cuda && !built_with_cuda) {
     refuse("--backend", "this pgl_viewer was built without CUDA: no toolkit was found, or none wanted");
   }
   if (options.checksums && stats->count() == 0) refuse("--checksums", "goes into --stats, and none is asked for");
   if (options.occlusion.mode == OcclusionMode::off) {
-    for (const CLI::Option* option : {aos, compactness, refine}) {
-      if (option->count() > 0) refuse(option->get_name(), "is for --occlusion on or temporal");
-    }
+    refuse_given({aos, compactness, refine}, "is for --occlusion on or temporal");
   }
   if (options.stream.mode == StreamMode::never) {
-    for (const CLI::Option* option : {transfer, overlap}) {
-      if (option->count() > 0) refuse(option->get_name(), "is for streamed frames, and --stream says never");
-    }
+    refuse_given({transfer, overlap}, "is for streamed frames, and --stream says never");
   }
   if (options.fly) {
-    for (const CLI::Option* option : {orbit, camera}) {
-      if (option->count() > 0) refuse(option->get_name(), "and --fly are different cameras");
-    }
+    refuse_given({orbit, camera}, "and --fly are different cameras");
   }
   const auto is_preprocessed = [](const std::string& file) { return file.ends_with(".pgl"); };
   options.preprocessed = std::ranges::any_of(options.files, is_preprocessed);
   if (options.preprocessed) {
     if (options.files.size() > 1)
       refuse(*std::ranges::find_if(options.files, is_preprocessed), "must be the only file");
-    for (const CLI::Option* option : {split, flatten, weld, strict, metric, boundary}) {
-      if (option->count() > 0) refuse(option->get_name(), "is for pgl_preprocess, which made this model");
+    for (const OptionList& list : {import.all, ecol}) {
+      refuse_given(list, "is for pgl_preprocess, which made this model");
     }
   } else if (prefetch->count() > 0) {
     refuse("--prefetch", "is for a .pgl file, and none is given");
   }
-  if (refuse_non_finite) options.import.non_finite = scene::NonFinite::refuse_file;
   struct Written {
     const CLI::Option* option;
     const std::string& path;

@@ -6,14 +6,9 @@
 #include <cstdio>
 #include <nlohmann/json.hpp>
 
-#include "pgl/config.hpp"
+#include "scene/version.hpp"
 
 namespace pgl::viewer {
-
-std::string pgl_version() {
-  return std::to_string(PGL_VERSION_MAJOR) + "." + std::to_string(PGL_VERSION_MINOR) + "." +
-         std::to_string(PGL_VERSION_PATCH);
-}
 
 std::string to_json(const Report& report) {
   using Json = nlohmann::ordered_json;
@@ -34,7 +29,7 @@ std::string to_json(const Report& report) {
                     {"bytes", frame.bytes},
                     {"missing_bytes", frame.missing_bytes}});
   }
-  const Json json = {{"pgl", pgl_version()},
+  const Json json = {{"pgl", scene::version()},
                      {"objects", report.objects},
                      {"model",
                       {{"vertices", report.model_vertices},

@@ -38,9 +38,6 @@ struct Report {
   std::string gl_vendor, gl_renderer, gl_version;
 };
 
-/// The version of pgl, as "1.2.3".
-std::string pgl_version();
-
 /// The statistics file.
 std::string to_json(const Report& report);
 
