@@ -174,6 +174,7 @@ int run(const Arguments& arguments) {
       const DeviceScene device_scene(bench, scene);
       frame_rows(bench, scene, device_scene, arguments.workload);
       occlusion_rows(bench, scene, device_scene, arguments.workload);
+      balance_rows(bench, scene, arguments.workload);
       stream_rows(bench, scene, device_scene, arguments.workload);
       path_rows(bench, scene, device_scene, arguments.workload);
     }

@@ -53,6 +53,9 @@ void stream_rows(Bench& bench, const Scene& scene, const DeviceScene& device_sce
 /// Streaming along a flight, with all that goes over the bus: [Peng13] Table 3.1 and Fig 3.3.
 void path_rows(Bench& bench, const Scene& scene, const DeviceScene& device_scene, const Workload& workload);
 
+/// The tiles of several GPUs, for the frame's view.
+void balance_rows(Bench& bench, const Scene& scene, const Workload& workload);
+
 /// rearrange of the whole model.
 void rearrange_rows(Bench& bench, const Model& model);
 
