@@ -103,7 +103,7 @@ __device__ void write_words(typename Copied<T>::Word* to, std::uint32_t words, u
 
 template <class T>
 inline constexpr unsigned copy_tile = Copied<T>::fitting(6144, 1024);  ///< elements that a warp takes at a time
-inline constexpr unsigned copy_reads = 16;  ///< reads of a lane that are on their way at a time
+inline constexpr unsigned copy_reads = 24;  ///< reads of a lane that are on their way at a time
 inline constexpr unsigned copy_waves = 4;   ///< blocks started, in terms of those that run at the same time
 
 template <class T>
