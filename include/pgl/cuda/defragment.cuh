@@ -103,8 +103,9 @@ __device__ void write_words(typename Copied<T>::Word* to, std::uint32_t words, u
 
 template <class T>
 inline constexpr unsigned copy_tile = Copied<T>::fitting(6144, 1024);  ///< elements that a warp takes at a time
-inline constexpr unsigned copy_reads = 24;  ///< reads of a lane that are on their way at a time
-inline constexpr unsigned copy_waves = 4;   ///< blocks started, in terms of those that run at the same time
+/// Reads of a lane that are on their way at a time, of whole words and of parts of them.
+inline constexpr unsigned copy_reads = 24, copy_part_reads = 16;
+inline constexpr unsigned copy_waves = 4;  ///< blocks started, in terms of those that run at the same time
 
 template <class T>
 using CopyArea = Area<copy_tile<T>, 64>;
@@ -117,7 +118,7 @@ __global__ void __launch_bounds__(1024)
   using C = Copied<T>;
   using Word = typename C::Word;
   constexpr unsigned tile = copy_tile<T>;
-  constexpr unsigned batch = copy_reads / C::lane_words;  // rows
+  constexpr unsigned batch = C::lane_words == 1 ? copy_reads : copy_part_reads / C::lane_words;  // rows
   extern __shared__ uint4 pgl_shared_memory[];
   const unsigned lane = detail::lane_index();
   CopyArea<T>& area = reinterpret_cast<CopyArea<T>*>(pgl_shared_memory)[threadIdx.x / 32];
