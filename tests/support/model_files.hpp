@@ -18,8 +18,7 @@
 
 namespace support {
 
-/// Fills in what follows from objects and meshes, by the rules alone. (The host drivers are compiled with assertions
-/// here and may be without in pgl_scene; a program must not have both.)
+/// Fills in what follows from objects and meshes, by the rules alone.
 template <class Index>
 void make_object_tables(pgl::scene::Model<Index>& model) {
   model.object_boxes.clear();

@@ -1092,6 +1092,14 @@ const volatile char* gone_page(const TemporaryFolder& folder) {
   return static_cast<const char*>(data);
 }
 
+/// As in the tests themselves, whatever the build type.
+TEST(ModelFileDeathTest, PreconditionsAreCheckedInTheLibraryToo) {
+  GTEST_FLAG_SET(death_test_style, "threadsafe");
+  const TemporaryFolder folder;
+  ModelFileWriter writer(folder.path() / "m.pgl");
+  EXPECT_DEATH(writer.set_up(static_cast<UpAxis>(4)), "up <= UpAxis::z");
+}
+
 TEST(ModelFileDeathTest, FaultsElsewhereGoWhereTheyWentBefore) {
   GTEST_FLAG_SET(death_test_style, "threadsafe");  // a process in which no ModelFile has been
   const TemporaryFolder folder;
