@@ -172,8 +172,7 @@ struct Wide {
     return a.high != b.high ? a.high < b.high : a.low < b.low;
   }
   friend PGL_HD constexpr Wide operator+(const Wide& a, const Wide& b) {
-    const std::uint64_t low = a.low + b.low;
-    return {a.high + b.high + (low < a.low ? 1 : 0), low};
+    return {a.high + b.high + (a.low + b.low < a.low ? 1 : 0), a.low + b.low};
   }
   friend PGL_HD constexpr Wide operator-(const Wide& a, const Wide& b) {
     return {a.high - b.high - (a.low < b.low ? 1 : 0), a.low - b.low};

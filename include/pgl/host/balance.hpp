@@ -210,9 +210,9 @@ inline void balance(std::span<const ScreenBox> rectangles, std::span<const std::
 /// Marks the objects that a GPU draws in its tile: flags[i] = 1 for an object with a load that can touch a pixel of the
 /// tile, else 0. Each object with a load that can touch the picture is in at least one tile of balance.
 ///
-/// rectangles, loads: n, as they were given to balance; empty `loads` mean that all objects have one, as where the tiles
-/// are cut by what the last frame cost. flags: out, n, for project to take as its in_view. An empty tile has no objects.
-/// O(n), in parallel, allocates nothing.
+/// rectangles, loads: n, as they were given to balance; empty `loads` mean that all objects have one, as where the
+/// tiles are cut by what the last frame cost. flags: out, n, for project to take as its in_view. An empty tile has no
+/// objects. O(n), in parallel, allocates nothing.
 inline void in_tile(std::span<const ScreenBox> rectangles, std::span<const std::uint32_t> loads, const Tile& tile,
                     std::span<std::uint8_t> flags) {
   PGL_ASSERT(flags.size() == rectangles.size() && (loads.empty() || loads.size() == rectangles.size()));
