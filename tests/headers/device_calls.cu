@@ -20,8 +20,10 @@
 #include "pgl/rasterize_depth.hpp"
 #include "pgl/rearrange.hpp"
 #include "pgl/reform.hpp"
+#include "pgl/select_by_error.hpp"
 #include "pgl/select_occluders.hpp"
 #include "pgl/types.hpp"
+#include "pgl/unify.hpp"
 
 namespace ieee = pgl::ieee;
 
@@ -63,6 +65,20 @@ __global__ void transfer_kernel(const pgl::Mesh* meshes, const std::uint32_t* ma
   const std::uint64_t key = pgl::weight_key(1.0f, i);
   counts[i] = pgl::limited_vertices(plan, key, meshes[i], map, 4, wanted[i], previous[i], options);
   counts[i] += pgl::is_drawn(plan, key, previous[i]) && pgl::is_valid(options) ? 1u : 0u;
+}
+
+__global__ void error_kernel(const pgl::Object* objects, const pgl::Mesh* meshes, const float* errors, pgl::View view,
+                             pgl::ErrorOptions options, float* scales, std::uint32_t* counts) {
+  const unsigned i = blockIdx.x * blockDim.x + threadIdx.x;
+  const pgl::ErrorView error_view = pgl::error_view_of(view, options);
+  scales[i] = ieee::add(pgl::error_scale(objects[i].transform), pgl::pixels_per_unit(view));
+  counts[i] = pgl::is_seen(scales[i], 1.0f, error_view)
+                  ? pgl::vertices_by_error(1.0f, 4, 400, scales[i], meshes[i], errors, error_view)
+                  : 0;
+  const pgl::UnifyPolicy policy = i % 2 == 0 ? pgl::UnifyPolicy::quality : pgl::UnifyPolicy::performance;
+  const std::uint32_t key =
+      pgl::combined_key(pgl::no_unify_key(policy), pgl::unify_key(counts[i], i % 3 == 0, policy), policy);
+  counts[i] = pgl::vertices_in_tile(pgl::unified_vertices(key), i % 3 == 0);
 }
 
 __global__ void occluder_kernel(const pgl::Object* objects, const pgl::OrientedBox* boxes, pgl::View view,

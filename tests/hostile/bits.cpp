@@ -10,6 +10,7 @@
 #include <span>
 #include <vector>
 
+#include "pgl/feedback.hpp"
 #include "pgl/host/balance.hpp"
 #include "pgl/host/bounds.hpp"
 #include "pgl/host/build_ecol.hpp"
@@ -26,7 +27,9 @@
 #include "pgl/host/rasterize_depth.hpp"
 #include "pgl/host/rearrange.hpp"
 #include "pgl/host/reform.hpp"
+#include "pgl/host/select_by_error.hpp"
 #include "pgl/host/select_occluders.hpp"
+#include "pgl/host/unify.hpp"
 #include "pgl/ieee.hpp"
 #include "pgl/types.hpp"
 
@@ -617,6 +620,73 @@ void balance(Hash& hash) {
   }
 }
 
+/// error_scales and select_by_error in views of their own, as tiles have them, and what unify makes of these.
+void select_by_error(Hash& hash) {
+  Random random(13);
+  const Scene scene = a_scene(random, 5000);
+  const std::size_t n = scene.objects.size();
+  std::vector<float> errors(scene.map.size()), scales(n), areas(n), depths(n);
+  for (const pgl::Mesh& mesh : scene.meshes) {
+    float error = 0;
+    for (std::uint32_t k = mesh.max_vertices + 1; k-- > mesh.min_vertices;) {
+      errors[mesh.first_map + (k - mesh.min_vertices)] = error;
+      const float step = ieee::mul(random.number<float>(), 0.01f);
+      if (random.below(2) == 0) error = ieee::add(error, step);
+      error = ieee::max(error, 0.0f);
+    }
+  }
+  std::vector<std::uint32_t> least(n), most(n), counts, of_tile(n);
+  std::vector<std::uint8_t> in_tile;
+  pgl::host::vertex_limits(scene.mesh_of_object, scene.meshes, scene.map, 4, least, most);
+  pgl::host::error_scales(scene.objects, scales);
+  hash(scales);
+  constexpr std::size_t tiles = 6;
+  for (std::size_t tile = 0; tile < tiles; ++tile) {
+    for (std::size_t i = 0; i < n; ++i) {
+      areas[i] = random.below(3) == 0 ? 0.0f : ieee::mul(random.number<float>(), 100.0f);
+      depths[i] = ieee::mul(random.number<float>(), 10.0f);
+      in_tile.push_back(areas[i] > 0.0f || random.below(4) == 0 ? 1 : 0);
+    }
+    const pgl::View view = a_view(random);
+    hash(pgl::pixels_per_unit(view));
+    const pgl::BudgetTotals totals =
+        pgl::host::select_by_error(areas, depths, least, most, scales, scene.mesh_of_object, scene.meshes, errors, view,
+                                   {.threshold = 0.25f * static_cast<float>(1 + tile)}, of_tile);
+    hash(totals.vertices);
+    hash(of_tile);
+    counts.insert(counts.end(), of_tile.begin(), of_tile.end());
+  }
+  for (const pgl::UnifyPolicy policy : {pgl::UnifyPolicy::quality, pgl::UnifyPolicy::performance})
+    for (const bool by_flags : {false, true}) {
+      hash(pgl::host::unify(counts, by_flags ? in_tile : std::vector<std::uint8_t>{}, tiles, policy, of_tile).vertices);
+      hash(of_tile);
+    }
+}
+
+/// The loops of feedback around times at random.
+void feedback(Hash& hash) {
+  Random random(14);
+  constexpr std::size_t gpus = 11;
+  pgl::WeightFeedback weights;
+  pgl::BudgetFeedback budget;
+  float threshold = 1.0f;
+  std::vector<float> times(gpus);
+  std::vector<std::uint64_t> loads(gpus);
+  std::vector<std::uint32_t> shares(gpus);
+  for (int frame = 0; frame < 3000; ++frame) {
+    for (std::size_t i = 0; i < gpus; ++i) {
+      times[i] = frame % 50 == 0 ? random.any<float>() : ieee::mul(random.number<float>(), 10.0f);
+      loads[i] = random.below(1000000);
+    }
+    pgl::next_weights(weights, times, loads, {.dead_band = 0.001}, shares);
+    const float longest = pgl::frame_milliseconds(times);
+    hash(shares);
+    for (const double pace : weights.paces) hash(pace);
+    hash(pgl::next_budget(budget, longest, budget.budget, {}, {.dead_band = 0.001}));
+    hash(threshold = pgl::next_threshold(threshold, longest, {}, {}));
+  }
+}
+
 void print(const char* name, void (*rule)(Hash&)) {
   Hash hash;
   rule(hash);
@@ -640,5 +710,7 @@ int main() {
   print("rearrange", rearrange);
   print("reform and gather", reform_and_gather);
   print("stream", stream);
+  print("select_by_error", select_by_error);
+  print("feedback", feedback);
   print("balance", balance);
 }

@@ -85,6 +85,8 @@ inline ErrorScene error_scene(std::mt19937& random, std::size_t n) {
   scene.view.clip_from_world[3].w = 0.5f;
   scene.options.threshold = below(12) == 0 ? odd[std::min(below(12) & ~2u, 9u)] : number(-4, 6);
   if (!(scene.options.threshold >= 0.0f)) scene.options.threshold = 1.0f;
+  if (round && below(2) == 0)  // some errors project to the threshold exactly
+    scene.options.threshold = std::ldexp(pgl::pixels_per_unit(scene.view), static_cast<int>(below(10)) - 8);
   scene.options.pet = below(2) == 0 ? 0.0f : 1.0f;
   return scene;
 }
