@@ -167,13 +167,18 @@ PGL_HD inline std::uint32_t vertices_by_error(float depth, std::uint32_t min_ver
       ieee::mul(static_cast<double>(view.threshold), static_cast<double>(ieee::max(depth, view.near_depth)));
   const float* const error_at_min = errors + mesh.first_map;
   std::uint32_t low = min_vertices, high = max_vertices;
-  while (low < high) {
-    const std::uint32_t middle = low + (high - low) / 2;
+  // By ever larger steps from the coarsest count on, near which most objects end, then by halves.
+  bool found = false;
+  for (std::uint32_t step = 0; low < high; step = 2 * step + 1) {
+    const std::uint32_t left = high - low;
+    const std::uint32_t middle = low + (!found && step < left ? step : left / 2);
     const float error = error_at_min[middle - mesh.min_vertices];
-    if (error == 0.0f || ieee::mul(static_cast<double>(error), g) <= limit)
+    if (error == 0.0f || ieee::mul(static_cast<double>(error), g) <= limit) {
       high = middle;
-    else
+      found = true;
+    } else {
       low = middle + 1;
+    }
   }
   return low;
 }

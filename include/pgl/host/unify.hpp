@@ -2,6 +2,7 @@
 // Makes the tiles of a picture agree on the vertex count of every object, on the CPU.
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <span>
@@ -35,15 +36,25 @@ inline BudgetTotals unify(std::span<const std::uint32_t> counts, std::span<const
   PGL_ASSERT(counts.size() == tiles * n && (in_tile.empty() || in_tile.size() == counts.size()));
   return detail::sum_blocks(n, detail::block_count(n), [&](std::size_t, std::size_t begin, std::size_t end) {
     BudgetTotals part;
-    for (std::size_t i = begin; i < end; ++i) {
-      std::uint32_t key = no_unify_key(policy);
+    // Some objects at a time, so that each tile's counts are read in a row.
+    constexpr std::size_t most = 1024;
+    std::uint32_t keys[most];
+    for (std::size_t first = begin; first < end; first += most) {
+      const std::size_t size = std::min(most, end - first);
+      std::fill_n(keys, size, no_unify_key(policy));
       for (std::size_t t = 0; t < tiles; ++t) {
-        const std::uint32_t count = counts[t * n + i];
-        const bool touches = in_tile.empty() ? count > 0 : in_tile[t * n + i] != 0;
-        key = combined_key(key, unify_key(count, touches, policy), policy);
+        const std::uint32_t* const count = counts.data() + t * n + first;
+        const std::uint8_t* const touches = in_tile.empty() ? nullptr : in_tile.data() + t * n + first;
+        for (std::size_t i = 0; i < size; ++i) {
+          const bool is_touched = touches == nullptr ? count[i] > 0 : touches[i] != 0;
+          keys[i] = combined_key(keys[i], unify_key(count[i], is_touched, policy), policy);
+        }
       }
-      unified[i] = unified_vertices(key);
-      part += {unified[i] > 0 ? 1u : 0u, unified[i]};
+      for (std::size_t i = 0; i < size; ++i) {
+        const std::uint32_t vertices = unified_vertices(keys[i]);
+        unified[first + i] = vertices;
+        part += {vertices > 0 ? 1u : 0u, vertices};
+      }
     }
     return part;
   });
