@@ -631,8 +631,7 @@ void select_by_error(Hash& hash) {
     for (std::uint32_t k = mesh.max_vertices + 1; k-- > mesh.min_vertices;) {
       errors[mesh.first_map + (k - mesh.min_vertices)] = error;
       const float step = ieee::mul(random.number<float>(), 0.01f);
-      if (random.below(2) == 0) error = ieee::add(error, step);
-      error = ieee::max(error, 0.0f);
+      error = ieee::max(error, ieee::add(error, step));  // never falls
     }
   }
   std::vector<std::uint32_t> least(n), most(n), counts, of_tile(n);
