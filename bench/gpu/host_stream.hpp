@@ -26,8 +26,8 @@ class Cameras {
   /// The overview of Scene::view, its camera moved so far to the side; the target stays.
   View overview(double metres_aside) const;
 
-  /// In flight along a street in the midst of the plant, so far from its middle, 8 m above the ground, looking from side
-  /// to side.
+  /// In flight along a street in the midst of the plant, so far from its middle, 8 m above the ground, looking from
+  /// side to side.
   View flight(double metres) const;
 
  private:

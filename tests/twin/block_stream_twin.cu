@@ -22,19 +22,22 @@ using test::StreamedFrame;
 using test::StreamedModel;
 using Stream = pgl::cuda::BlockStream<StreamedFrame::Vertex, std::uint16_t>;
 
+/// Copies as much of a source on the device as there is room for.
 template <class T>
-std::vector<T> first(std::span<const T> block, std::size_t size) {
-  std::vector<T> values(size);
-  must(cudaMemcpy(values.data(), block.data(), size * sizeof(T), cudaMemcpyDeviceToHost));
-  return values;
+void copy(const DeviceArray<T>& to, std::span<const T> from, cudaStream_t stream) {
+  ASSERT_LE(to.view().size(), from.size());
+  must(cudaMemcpyAsync(to.data(), from.data(), to.view().size_bytes(), cudaMemcpyDeviceToDevice, stream));
 }
 
-/// One frame: its selection on the device, and room for copies of the blocks that the stream which draws makes.
+/// One frame: its selection on the device, and room for the copies that the stream which draws makes: of the blocks,
+/// and of the selection as the BlockStream has it.
 struct Step {
   std::vector<std::uint32_t> counts_on_host;
   StreamedFrame frame;
   DeviceArray<std::uint32_t> counts;
   DeviceArray<std::uint64_t> vertex_offsets, triangle_offsets;
+  DeviceArray<std::uint32_t> drawn_counts;
+  DeviceArray<std::uint64_t> drawn_vertex_offsets, drawn_triangle_offsets;
   DeviceArray<StreamedFrame::Vertex> vertices;
   DeviceArray<pgl::Triangle<std::uint16_t>> triangles;
   Step(const StreamedModel& model, StreamedFrame of)
@@ -43,6 +46,9 @@ struct Step {
         counts(model.counts),
         vertex_offsets(frame.vertex_offsets),
         triangle_offsets(frame.triangle_offsets),
+        drawn_counts(model.counts.size()),
+        drawn_vertex_offsets(frame.vertex_offsets.size()),
+        drawn_triangle_offsets(frame.triangle_offsets.size()),
         vertices(frame.vertices.size()),
         triangles(frame.triangles.size()) {}
 };
@@ -69,7 +75,8 @@ __global__ void dawdle(unsigned cycles) {
 
 /// Walks through selections; overlapping, a frame is begun and sent while the one before is still being drawn. All that
 /// is allocated or freed is so before or after, since that waits for the device.
-void walk(unsigned seed, test::ModelShape shape, std::uint32_t size, int steps, bool overlap, std::uint64_t new_bytes) {
+void walk(Stream& stream, unsigned seed, test::ModelShape shape, std::uint32_t size, int steps, bool overlap,
+          std::uint64_t new_bytes) {
   std::mt19937 random(seed);
   StreamedModel model(random, shape, size);
   std::vector<std::unique_ptr<Step>> walked;
@@ -81,7 +88,6 @@ void walk(unsigned seed, test::ModelShape shape, std::uint32_t size, int steps, 
   must(cudaDeviceSynchronize());
 
   Streams streams;
-  Stream stream;
   must(stream.reserve(model.objects.size(), model.most_vertices(), model.most_triangles(), new_bytes));
   for (const auto& step : walked) {
     const StreamedFrame& frame = step->frame;
@@ -98,19 +104,22 @@ void walk(unsigned seed, test::ModelShape shape, std::uint32_t size, int steps, 
     ASSERT_EQ(sent, (pgl::DeltaSize{frame.new_vertices, frame.new_triangles,
                                     12 * frame.new_vertices + 6 * frame.new_triangles}));
     must(stream.apply(streams.draw));
-    must(cudaMemcpyAsync(step->vertices.data(), stream.vertices().data(), step->vertices.view().size_bytes(),
-                         cudaMemcpyDeviceToDevice, streams.draw));
-    must(cudaMemcpyAsync(step->triangles.data(), stream.triangles().data(), step->triangles.view().size_bytes(),
-                         cudaMemcpyDeviceToDevice, streams.draw));
+    copy(step->drawn_counts, stream.counts(), streams.draw);
+    copy(step->drawn_vertex_offsets, stream.vertex_offsets(), streams.draw);
+    copy(step->drawn_triangle_offsets, stream.triangle_offsets(), streams.draw);
+    copy(step->vertices, stream.vertices(), streams.draw);
+    copy(step->triangles, stream.triangles(), streams.draw);
     if (overlap) {
       dawdle<<<1, 1, 0, streams.draw>>>(200'000);
     } else {
       must(cudaDeviceSynchronize());
-      ASSERT_EQ(first(stream.counts(), step->counts_on_host.size()), step->counts_on_host);
     }
   }
   must(cudaDeviceSynchronize());
   for (const auto& step : walked) {
+    ASSERT_EQ(step->drawn_counts.read(), step->counts_on_host);
+    ASSERT_EQ(step->drawn_vertex_offsets.read(), step->frame.vertex_offsets);
+    ASSERT_EQ(step->drawn_triangle_offsets.read(), step->frame.triangle_offsets);
     ASSERT_EQ(step->vertices.read(), step->frame.vertices);
     ASSERT_EQ(step->triangles.read(), step->frame.triangles);
   }
@@ -119,7 +128,8 @@ void walk(unsigned seed, test::ModelShape shape, std::uint32_t size, int steps, 
 TEST(BlockStreamTwin, HoldsAFreshCopyOfEverySelectionAndSendsOnlyWhatIsNew) {
   PGL_NEEDS_DEVICE();
   for (unsigned scene = 0; scene < 20; ++scene) {
-    walk(scene, static_cast<test::ModelShape>(scene % test::model_shapes), 1 + scene * 20, 15, false, 0);
+    Stream stream;
+    walk(stream, scene, static_cast<test::ModelShape>(scene % test::model_shapes), 1 + scene * 20, 15, false, 0);
     if (HasFatalFailure()) return;
   }
 }
@@ -127,9 +137,22 @@ TEST(BlockStreamTwin, HoldsAFreshCopyOfEverySelectionAndSendsOnlyWhatIsNew) {
 TEST(BlockStreamTwin, IsTheSameWhereFramesOverlap) {
   PGL_NEEDS_DEVICE();
   for (unsigned scene = 0; scene < 10; ++scene) {
-    walk(100 + scene, static_cast<test::ModelShape>(scene % test::model_shapes), 1 + scene * 40, 20, true,
+    Stream stream;
+    walk(stream, 100 + scene, static_cast<test::ModelShape>(scene % test::model_shapes), 1 + scene * 40, 20, true,
          scene % 2 == 0 ? 0 : 1 << 20);
     if (HasFatalFailure()) return;
+  }
+}
+
+/// Of fewer objects and of more, from whatever it held, and with a cap that is none.
+TEST(BlockStreamTwin, StartsAnewAfterReserve) {
+  PGL_NEEDS_DEVICE();
+  Stream stream;
+  unsigned seed = 200;
+  for (const std::uint32_t size : {200u, 20u, 300u, 300u}) {
+    walk(stream, seed, static_cast<test::ModelShape>(seed % test::model_shapes), size, 6, true, ~std::uint64_t{0});
+    if (HasFatalFailure()) return;
+    ++seed;
   }
 }
 

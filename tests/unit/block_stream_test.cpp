@@ -74,6 +74,23 @@ TEST(BlockStream, StartsAnewAfterReserve) {
   EXPECT_EQ(first(stream.vertices(), frame.vertices.size()), frame.vertices);
 }
 
+TEST(BlockStream, ChecksRoomAndOrderInDebugBuilds) {
+  GTEST_FLAG_SET(death_test_style, "threadsafe");
+  Stream stream;
+  stream.reserve(1, 2, 1);
+  const std::vector<std::uint32_t> counts{2};
+  const std::vector<std::uint64_t> sums{0, 2}, none{0, 0}, many{0, 3};
+  EXPECT_DEATH(stream.begin({}, sums, none), "counts.size");
+  EXPECT_DEATH(stream.begin(counts, sums, std::vector<std::uint64_t>{0}), "triangle_offsets.size");
+  EXPECT_DEATH(stream.begin(counts, many, none), "vertices_.size");
+  EXPECT_DEATH(stream.begin(counts, sums, sums), "triangles_.size");
+  EXPECT_DEATH(stream.apply(), "next_step_");
+  EXPECT_DEATH((void)stream.send({}, {}, {}, {}), "next_step_");
+  stream.begin(counts, sums, none);
+  EXPECT_DEATH(stream.begin(counts, sums, none), "next_step_");
+  EXPECT_DEATH(stream.apply(), "next_step_");
+}
+
 TEST(BlockStream, TakesASceneOfNoObjects) {
   Stream stream;
   stream.reserve(0, 0, 0);

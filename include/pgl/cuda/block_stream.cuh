@@ -25,19 +25,19 @@ namespace pgl::cuda {
 /// What pgl::host::BlockStream is, with the blocks on the GPU and the model in the memory of the CPU: the same blocks,
 /// byte for byte.
 ///
-/// A frame is begin(), send(), apply(). Unlike the other drivers it has streams and events of its own, since it is
-/// about what runs beside what:
+/// A frame is begin(), send(), apply(), in this order, which is checked in debug builds. Unlike the other drivers it
+/// has a stream and events of its own, since it is about what runs beside what:
 ///
-///   select's stream   ... lay_out, begin ──┐ offsets to the host
-///   CPU                                    └─ send: packs into one of two page-locked buffers ─┐
-///   its own stream                                                                             └─ copy ─┐
-///   draw's stream     defragment, reform, gather, draw of the frame before ...                          └─ apply,
-///   reform ...
+///   select's stream   lay_out, begin ──┐ offsets to the host
+///   CPU                                └─ send: packs into one of two page-locked buffers ──┐
+///   its own stream                                                                          └─ copy ──┐
+///   draw's stream     reform, gather, draw of the frame before ...                                    └─ apply, reform
 ///
 /// So with two streams for selecting and drawing, a frame is selected, packed and copied while the one before is
 /// reformed and drawn. Memory on the device: two selections (counts and offsets), two arrays of offsets, the blocks,
-/// what is new (once), and the scratch of defragment_in_place; page-locked: two selections' offsets, what is new
-/// (twice). What is new grows with the largest frame so far, unless reserve() is told more; warm, nothing is allocated.
+/// what is new (once), and the scratch of lay_out_delta and defragment_in_place; page-locked: two selections' offsets,
+/// what is new (twice). What is new grows with the largest frame so far, unless reserve() is told more; warm, nothing
+/// is allocated.
 ///
 /// Every function returns the first error of the runtime; after one, only reserve() may be called. All calls are for
 /// the device that was current in reserve(). Not for capture: send() waits.
@@ -59,15 +59,13 @@ class BlockStream {
   }
 
   /// Makes room for selections of exactly so many objects, of at most so many vertices and triangles, and forgets the
-  /// last one. new_bytes: make room for frames that send so much too, e.g. the cap of limit_transfer. Waits for the
-  /// device.
+  /// last one: the next frame starts from empty blocks. new_bytes: make room for frames that send so much too, e.g. the
+  /// cap of limit_transfer; what is more than both blocks counts for nothing. Waits for the device.
   [[nodiscard]] cudaError_t reserve(std::size_t objects, std::uint64_t vertices, std::uint64_t triangles,
                                     std::uint64_t new_bytes = 0) {
-    if (copy_stream_ == nullptr) {
-      PGL_CUDA_TRY(cudaStreamCreateWithFlags(&copy_stream_, cudaStreamNonBlocking));
-      for (cudaEvent_t* event : {&selected_, &applied_, &sent_[0], &sent_[1]}) {
-        PGL_CUDA_TRY(cudaEventCreateWithFlags(event, cudaEventDisableTiming));
-      }
+    if (copy_stream_ == nullptr) PGL_CUDA_TRY(cudaStreamCreateWithFlags(&copy_stream_, cudaStreamNonBlocking));
+    for (cudaEvent_t* event : {&selected_, &applied_, &sent_[0], &sent_[1]}) {
+      if (*event == nullptr) PGL_CUDA_TRY(cudaEventCreateWithFlags(event, cudaEventDisableTiming));
     }
     PGL_CUDA_TRY(cudaDeviceSynchronize());
     objects_ = objects;
@@ -90,7 +88,9 @@ class BlockStream {
     host_triangle_delta_.resize(objects + 1);
     PGL_CUDA_TRY(vertices_.reserve(std::max<std::size_t>(1, vertices) * sizeof(Vertex)));
     PGL_CUDA_TRY(triangles_.reserve(std::max<std::size_t>(1, triangles) * sizeof(Triangle<Index>)));
+    new_bytes = std::min(new_bytes, vertices * sizeof(Vertex) + triangles * sizeof(Triangle<Index>));
     if (new_bytes != 0) PGL_CUDA_TRY(make_room_for_new(new_bytes + alignment));
+    next_step_ = Step::begin;
     return cudaDeviceSynchronize();
   }
 
@@ -99,13 +99,15 @@ class BlockStream {
   /// device for the last apply().
   [[nodiscard]] cudaError_t begin(std::span<const std::uint32_t> counts, std::span<const std::uint64_t> vertex_offsets,
                                   std::span<const std::uint64_t> triangle_offsets, Launch launch = {}) {
+    PGL_ASSERT(next_step_ == Step::begin);
+    next_step_ = Step::send;
     PGL_ASSERT(counts.size() == objects_);
     PGL_ASSERT(vertex_offsets.size() == objects_ + 1 && triangle_offsets.size() == objects_ + 1);
     current_ = 1 - current_;
     PGL_CUDA_TRY(cudaStreamWaitEvent(launch.stream, applied_));
     Selection &last = selections_[1 - current_], &next = selections_[current_];
-    PGL_CUDA_TRY(cudaMemcpyAsync(next.counts.template at<std::byte>(), counts.data(), counts.size_bytes(), cudaMemcpyDeviceToDevice,
-                                 launch.stream));
+    PGL_CUDA_TRY(cudaMemcpyAsync(next.counts.template at<std::byte>(), counts.data(), counts.size_bytes(),
+                                 cudaMemcpyDeviceToDevice, launch.stream));
     const auto take = [&](std::span<const std::uint64_t> offsets, Offsets& before, Offsets& now,
                           Buffer& delta) -> cudaError_t {
       PGL_CUDA_TRY(cudaMemcpyAsync(now.device.template at<std::byte>(), offsets.data(), offsets.size_bytes(),
@@ -124,6 +126,8 @@ class BlockStream {
   [[nodiscard]] cudaError_t send(std::span<const Mesh> meshes, std::span<const Object> objects,
                                  std::span<const Vertex> vertices, std::span<const Triangle<Index>> triangles,
                                  DeltaSize& size) {
+    PGL_ASSERT(next_step_ == Step::send);
+    next_step_ = Step::apply;
     PGL_CUDA_TRY(cudaEventSynchronize(selected_));
     Selection &last = selections_[1 - current_], &next = selections_[current_];
     const auto before_v = on_host(last.vertices), now_v = on_host(next.vertices);
@@ -149,14 +153,18 @@ class BlockStream {
                                         host_triangle_delta_,
                                         {staging.at<Triangle<Index>>(triangles_at_), size.triangles});
       PGL_CUDA_TRY(cudaStreamWaitEvent(copy_stream_, applied_));  // what was sent before has been read
-      PGL_CUDA_TRY(
-          cudaMemcpyAsync(additional_.template at<std::byte>(), staging.template at<std::byte>(), bytes, cudaMemcpyHostToDevice, copy_stream_));
+      PGL_CUDA_TRY(cudaMemcpyAsync(additional_.template at<std::byte>(), staging.template at<std::byte>(), bytes,
+                                   cudaMemcpyHostToDevice, copy_stream_));
     }
     return cudaEventRecord(sent_[current_], copy_stream_);
   }
 
-  /// Brings the blocks up to the selection, on a stream, once what was sent has arrived. Only enqueues.
+  /// Brings the blocks up to the selection, on a stream, once what was sent has arrived. Only enqueues. Whatever reads
+  /// the blocks, or the selection as returned below, must come behind this call and before the next apply(): on the
+  /// same stream, or ordered so by events.
   [[nodiscard]] cudaError_t apply(Launch launch = {}) {
+    PGL_ASSERT(next_step_ == Step::apply);
+    next_step_ = Step::begin;
     PGL_CUDA_TRY(cudaStreamWaitEvent(launch.stream, selected_));
     PGL_CUDA_TRY(cudaStreamWaitEvent(launch.stream, sent_[current_]));
     Selection &last = selections_[1 - current_], &next = selections_[current_];
@@ -182,6 +190,7 @@ class BlockStream {
   std::span<const Triangle<Index>> triangles() const { return {triangles_.at<Triangle<Index>>(), triangle_room_}; }
 
  private:
+  enum class Step : std::uint8_t { begin, send, apply };
   static constexpr std::size_t alignment = 256;
 
   struct Offsets {
@@ -208,6 +217,7 @@ class BlockStream {
   std::uint64_t vertex_room_ = 0, triangle_room_ = 0;
   Selection selections_[2];
   int current_ = 0;
+  Step next_step_ = Step::begin;  // checked in debug builds
   DeltaSize new_;
   std::size_t triangles_at_ = 0;  // bytes in what is new
   Buffer vertex_delta_, triangle_delta_, vertices_, triangles_, additional_;

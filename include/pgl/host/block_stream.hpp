@@ -19,9 +19,9 @@ namespace pgl::host {
 /// The vertices and the triangles of a selection, each as one continuous block, from frame to frame: what stays is
 /// moved in place, only what is new is collected from the model. [Peng13] chapter 3, [PC11] 5.2.
 ///
-/// A frame is begin(), send(), apply(), in this order. After it, vertices() and triangles() are what a fresh copy of
-/// the selection is, byte for byte, whatever the selections before were: the raw prefixes of all objects, object i at
-/// [offsets[i], offsets[i + 1]), for gather_block and reform_block.
+/// A frame is begin(), send(), apply(), in this order, which is checked in debug builds. After it, vertices() and
+/// triangles() are what a fresh copy of the selection is, byte for byte, whatever the selections before were: the raw
+/// prefixes of all objects, object i at [offsets[i], offsets[i + 1]), for gather_block and reform_block.
 ///
 /// pgl::cuda::BlockStream has the same functions, and does them on the GPU; here nothing has to be sent anywhere.
 /// Vertex is any trivially copyable payload, Index std::uint16_t or std::uint32_t. Results do not depend on the number
@@ -42,6 +42,7 @@ class BlockStream {
     triangle_delta_.assign(objects + 1, 0);
     vertices_.resize(vertices);
     triangles_.resize(triangles);
+    next_step_ = Step::begin;
   }
 
   /// Takes the next selection, which may change once the call returns.
@@ -49,6 +50,8 @@ class BlockStream {
   /// O(n).
   void begin(std::span<const std::uint32_t> counts, std::span<const std::uint64_t> vertex_offsets,
              std::span<const std::uint64_t> triangle_offsets) {
+    PGL_ASSERT(next_step_ == Step::begin);
+    next_step_ = Step::send;
     PGL_ASSERT(counts.size() == this->counts().size());
     PGL_ASSERT(vertex_offsets.size() == counts.size() + 1 && triangle_offsets.size() == counts.size() + 1);
     PGL_ASSERT(vertex_offsets.back() <= vertices_.size() && triangle_offsets.back() <= triangles_.size());
@@ -66,6 +69,8 @@ class BlockStream {
   /// in every frame since reserve(). Returns how much it is. O(n + what is new).
   DeltaSize send(std::span<const Mesh> meshes, std::span<const Object> objects, std::span<const Vertex> vertices,
                  std::span<const Triangle<Index>> triangles) {
+    PGL_ASSERT(next_step_ == Step::send);
+    next_step_ = Step::apply;
     const Selection &last = selections_[1 - current_], &next = selections_[current_];
     const DeltaSize size{vertex_delta_.back(), triangle_delta_.back(),
                          vertex_delta_.back() * sizeof(Vertex) + triangle_delta_.back() * sizeof(Triangle<Index>)};
@@ -80,6 +85,8 @@ class BlockStream {
 
   /// Brings the blocks up to the selection. O(n + elements that move or are new).
   void apply() {
+    PGL_ASSERT(next_step_ == Step::apply);
+    next_step_ = Step::begin;
     const Selection &last = selections_[1 - current_], &next = selections_[current_];
     defragment_in_place<Vertex>(last.vertex_offsets, next.vertex_offsets, vertex_delta_, new_vertices_, workspace_,
                                 vertices_);
@@ -97,6 +104,7 @@ class BlockStream {
   std::span<const Triangle<Index>> triangles() const { return triangles_; }
 
  private:
+  enum class Step : std::uint8_t { begin, send, apply };
   struct Selection {
     std::vector<std::uint32_t> counts;
     std::vector<std::uint64_t> vertex_offsets, triangle_offsets;
@@ -104,6 +112,7 @@ class BlockStream {
 
   Selection selections_[2];
   int current_ = 0;
+  Step next_step_ = Step::begin;  // checked in debug builds
   std::vector<std::uint64_t> vertex_delta_, triangle_delta_;
   std::vector<Vertex> vertices_, new_vertices_;
   std::vector<Triangle<Index>> triangles_, new_triangles_;
