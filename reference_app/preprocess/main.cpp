@@ -34,6 +34,7 @@
 #include "scene/import.hpp"
 #include "scene/model_file.hpp"
 #include "scene/progress_line.hpp"
+#include "scene/tell.hpp"
 #include "scene/warehouse.hpp"
 
 namespace pgl::preprocess {
@@ -41,6 +42,7 @@ namespace pgl::preprocess {
 namespace {
 
 namespace fs = std::filesystem;
+using scene::grouped;
 
 // ---- being asked to stop --------------------------------------------------------------------------------------------
 
@@ -79,19 +81,13 @@ class Teller {
   }
   void warn(const std::string& warning) {
     line_.clear();
-    std::fprintf(stderr, "pgl_preprocess: %s\n", warning.c_str());
+    scene::tell("pgl_preprocess", warning);
   }
   void clear() { line_.clear(); }
 
  private:
   scene::ProgressLine line_;
 };
-
-std::string grouped(std::uint64_t value) {
-  std::string text = std::to_string(value);
-  for (std::size_t at = text.size(); at > 3;) text.insert(at -= 3, 1, ',');
-  return text;
-}
 
 void row(const char* name, const std::string& value) {
   std::printf("%-14s %20s\n", name, value.c_str());
@@ -302,9 +298,8 @@ void run(const Options& options, Teller& teller) {
   }
 }
 
-int fail(std::string message, int code) {
-  std::ranges::replace(message, '\n', ' ');
-  std::fprintf(stderr, "pgl_preprocess: %s\n", message.c_str());
+int fail(const char* message, int code) {
+  scene::tell("pgl_preprocess", message);
   return code;
 }
 

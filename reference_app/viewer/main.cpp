@@ -28,6 +28,7 @@
 #include "scene/model_view.hpp"
 #include "scene/plant.hpp"
 #include "scene/progress_line.hpp"
+#include "scene/tell.hpp"
 #include "scene/up_axis.hpp"
 #include "viewer/camera.hpp"
 #include "viewer/context.hpp"
@@ -52,7 +53,7 @@ scene::Scene import_files(const Options& options, const scene::Progress& progres
   for (const std::string& file : options.files) {
     scene::ImportReport report;
     scene::Scene part = scene::import_scene(file, options.import, progress, &report);
-    for (const std::string& warning : report.warnings) std::fprintf(stderr, "pgl_viewer: %s\n", warning.c_str());
+    for (const std::string& warning : report.warnings) scene::tell("pgl_viewer", warning);
     const auto first_mesh = static_cast<std::uint32_t>(all.meshes.size());
     for (Object& object : part.objects) object.mesh += first_mesh;
     std::ranges::move(part.meshes, std::back_inserter(all.meshes));
@@ -157,7 +158,7 @@ Image draw_reference(const FrameModel<Index>& model, const Selection& selection,
 std::string title_of(std::uint64_t budget, std::size_t triangles, double ms) {
   char time[32];
   std::snprintf(time, sizeof time, "%.1f", ms);
-  return "pgl: budget " + grouped(budget) + ", " + grouped(triangles) + " triangles, " + time + " ms";
+  return "pgl: budget " + scene::grouped(budget) + ", " + scene::grouped(triangles) + " triangles, " + time + " ms";
 }
 
 template <class Index>
@@ -226,7 +227,7 @@ void show(const Options& options, const FrameModel<Index>& from, scene::ModelFil
   std::optional<Prefetcher<Index>> prefetcher;
   if (file != nullptr && options.prefetch) prefetcher.emplace(*file, model, options.min_triangles);
   const BackendInfo info = frame->info();
-  if (!info.note.empty()) std::fprintf(stderr, "pgl_viewer: %s\n", info.note.c_str());
+  if (!info.note.empty()) scene::tell("pgl_viewer", info.note);
   const int last_frame = options.frames > 0 ? options.frames : window == nullptr ? 1 : 0;
   Times times;
   View view;
@@ -274,7 +275,7 @@ void show(const Options& options, const FrameModel<Index>& from, scene::ModelFil
         try {
           write_files({&picture, 1});
         } catch (const std::runtime_error& error) {  // no reason to close the window
-          std::fprintf(stderr, "pgl_viewer: %s\n", error.what());
+          scene::tell("pgl_viewer", error.what());
         }
       }
       window->present();
@@ -329,6 +330,7 @@ void show(const Options& options, const FrameModel<Index>& from, scene::ModelFil
     const Image image = draw_reference(from, selection, state.camera, view, box, extent);
     files.push_back({"--reference", options.reference, encode_png("--reference", image)});
   }
+  if (file != nullptr) file->check();  // that the last frame drew no zeros instead of what is gone
   write_files(files);
 }
 
@@ -403,9 +405,8 @@ void run(const Options& options) {
   std::fputs(to_table(report).c_str(), stdout);
 }
 
-int fail(std::string message, int code) {
-  std::ranges::replace(message, '\n', ' ');
-  std::fprintf(stderr, "pgl_viewer: %s\n", message.c_str());
+int fail(const char* message, int code) {
+  scene::tell("pgl_viewer", message);
   return code;
 }
 

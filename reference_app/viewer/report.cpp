@@ -6,9 +6,12 @@
 #include <cstdio>
 #include <nlohmann/json.hpp>
 
+#include "scene/tell.hpp"
 #include "scene/version.hpp"
 
 namespace pgl::viewer {
+
+using scene::grouped;
 
 std::string to_json(const Report& report) {
   using Json = nlohmann::ordered_json;
@@ -73,12 +76,6 @@ std::string to_json(const Report& report) {
                        {"version", report.gl_version},
                        {"samples", report.samples}}}};
   return json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
-}
-
-std::string grouped(std::uint64_t number) {
-  std::string text = std::to_string(number);
-  for (std::ptrdiff_t i = std::ssize(text) - 3; i > 0; i -= 3) text.insert(static_cast<std::size_t>(i), 1, ',');
-  return text;
 }
 
 std::string to_table(const Report& report) {

@@ -44,9 +44,6 @@ std::string to_json(const Report& report);
 /// The table on the terminal.
 std::string to_table(const Report& report);
 
-/// 1234567 as "1,234,567".
-std::string grouped(std::uint64_t number);
-
 /// The middle value; 0 of nothing. Reorders its input.
 double median(std::vector<double>& values);
 
