@@ -7,6 +7,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <mutex>
+#include <new>
 #include <optional>
 #include <stop_token>
 #include <thread>
@@ -58,6 +59,13 @@ class Prefetcher {
   };
 
   void run(const std::stop_token& stop) {
+    try {
+      serve(stop);
+    } catch (const std::bad_alloc&) {  // the frames read for themselves
+    }
+  }
+
+  void serve(const std::stop_token& stop) {
 #if defined(_OPENMP)
     omp_set_num_threads(1);  // of this thread's parallel loops: the frame has the others
 #endif
