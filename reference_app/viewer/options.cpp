@@ -105,7 +105,7 @@ std::optional<Options> parse_options(int argc, const char* const* argv) {
         ->type_name("BYTES");
   };
   add_bytes("--gpu-memory", options.stream.gpu_memory,
-            "What all frames may take there at most; K, M, G for KiB, MiB, GiB [what is free]");
+            "What frames may take, all in all, where they are prepared; K, M, G for KiB, MiB, GiB [what is free]");
   CLI::Option* transfer = add_bytes("--transfer", options.stream.transfer,
                                     "What a streamed frame may send at most: detail arrives over several [no limit]");
   CLI::Option* overlap = app.add_flag("--overlap", options.stream.overlap,
