@@ -1,12 +1,13 @@
 // SPDX-License-Identifier: MIT
 // Models made up by a random generator, and the bytes of a .pgl file as docs/file_format.md describes them, without the
-// code that reads and writes them.
+// code that reads and writes them but for the checksum of a page.
 #pragma once
 
 #include <algorithm>
 #include <cstdint>
 #include <cstring>
 #include <random>
+#include <span>
 #include <string>
 #include <vector>
 
