@@ -29,15 +29,14 @@ namespace pgl::cuda {
 /// has a stream and events of its own, since it is about what runs beside what:
 ///
 ///   select's stream   lay_out, begin ──┐ offsets to the host
-///   CPU                                └─ send: packs into one of two page-locked buffers ──┐
-///   its own stream                                                                          └─ copy ──┐
-///   draw's stream     reform, gather, draw of the frame before ...                                    └─ apply, reform
+///   CPU                                └─ send: packs into page-locked memory ──┐
+///   its own stream                                                              └─ copy ──┐
+///   draw's stream     reform, gather, draw of the frame before ...                        └─ apply, reform ...
 ///
 /// So with two streams for selecting and drawing, a frame is selected, packed and copied while the one before is
 /// reformed and drawn. Memory on the device: two selections (counts and offsets), two arrays of offsets, the blocks,
-/// what is new (once), and the scratch of lay_out_delta and defragment_in_place; page-locked: two selections' offsets,
-/// what is new (twice). What is new grows with the largest frame so far, unless reserve() is told more; warm, nothing
-/// is allocated.
+/// what is new, and the scratch of lay_out_delta and defragment_in_place; page-locked: two selections' offsets, what is
+/// new. That grows with the largest frame so far, unless reserve() is told more; warm, nothing is allocated.
 ///
 /// Every function returns the first error of the runtime; after one, only reserve() may be called. All calls are for
 /// the device that was current in reserve(). Not for capture: send() waits.
@@ -49,7 +48,7 @@ class BlockStream {
   BlockStream& operator=(const BlockStream&) = delete;
   ~BlockStream() {
     if (copy_stream_ == nullptr) return;
-    for (const cudaEvent_t event : {selected_, applied_, sent_[0], sent_[1]}) {
+    for (const cudaEvent_t event : {selected_, applied_, sent_}) {
       if (event == nullptr) continue;
       (void)cudaEventSynchronize(event);
       (void)cudaEventDestroy(event);
@@ -64,7 +63,7 @@ class BlockStream {
   [[nodiscard]] cudaError_t reserve(std::size_t objects, std::uint64_t vertices, std::uint64_t triangles,
                                     std::uint64_t new_bytes = 0) {
     if (copy_stream_ == nullptr) PGL_CUDA_TRY(cudaStreamCreateWithFlags(&copy_stream_, cudaStreamNonBlocking));
-    for (cudaEvent_t* event : {&selected_, &applied_, &sent_[0], &sent_[1]}) {
+    for (cudaEvent_t* event : {&selected_, &applied_, &sent_}) {
       if (*event == nullptr) PGL_CUDA_TRY(cudaEventCreateWithFlags(event, cudaEventDisableTiming));
     }
     PGL_CUDA_TRY(cudaDeviceSynchronize());
@@ -139,24 +138,19 @@ class BlockStream {
     triangles_at_ = (size.vertices * sizeof(Vertex) + alignment - 1) / alignment * alignment;
     new_ = size;
 
-    PGL_CUDA_TRY(cudaEventSynchronize(sent_[current_]));  // what was packed here two frames ago has left
+    // The selection came behind the last apply(): what was sent for that has arrived and been read.
     const std::size_t bytes = triangles_at_ + size.triangles * sizeof(Triangle<Index>);
-    if (bytes > additional_.size() || bytes > staging_[current_].size()) {
-      PGL_CUDA_TRY(cudaEventSynchronize(applied_));
-      PGL_CUDA_TRY(make_room_for_new(bytes));
-    }
-    PinnedBuffer& staging = staging_[current_];
+    PGL_CUDA_TRY(make_room_for_new(bytes));
     if (size.bytes != 0) {
       host::pack_delta<Vertex>(meshes, objects, &Mesh::first_vertex, vertices, before_v, now_v, host_vertex_delta_,
-                               {staging.at<Vertex>(), size.vertices});
+                               {staging_.at<Vertex>(), size.vertices});
       host::pack_delta<Triangle<Index>>(meshes, objects, &Mesh::first_triangle, triangles, before_t, now_t,
                                         host_triangle_delta_,
-                                        {staging.at<Triangle<Index>>(triangles_at_), size.triangles});
-      PGL_CUDA_TRY(cudaStreamWaitEvent(copy_stream_, applied_));  // what was sent before has been read
-      PGL_CUDA_TRY(cudaMemcpyAsync(additional_.template at<std::byte>(), staging.template at<std::byte>(), bytes,
+                                        {staging_.at<Triangle<Index>>(triangles_at_), size.triangles});
+      PGL_CUDA_TRY(cudaMemcpyAsync(additional_.template at<std::byte>(), staging_.template at<std::byte>(), bytes,
                                    cudaMemcpyHostToDevice, copy_stream_));
     }
-    return cudaEventRecord(sent_[current_], copy_stream_);
+    return cudaEventRecord(sent_, copy_stream_);
   }
 
   /// Brings the blocks up to the selection, on a stream, once what was sent has arrived. Only enqueues. Whatever reads
@@ -166,7 +160,7 @@ class BlockStream {
     PGL_ASSERT(next_step_ == Step::apply);
     next_step_ = Step::begin;
     PGL_CUDA_TRY(cudaStreamWaitEvent(launch.stream, selected_));
-    PGL_CUDA_TRY(cudaStreamWaitEvent(launch.stream, sent_[current_]));
+    PGL_CUDA_TRY(cudaStreamWaitEvent(launch.stream, sent_));
     Selection &last = selections_[1 - current_], &next = selections_[current_];
     PGL_CUDA_TRY(defragment_in_place<Vertex>(all(last.vertices.device), all(next.vertices.device), all(vertex_delta_),
                                              {additional_.at<Vertex>(), new_.vertices}, workspace_,
@@ -207,10 +201,8 @@ class BlockStream {
     return {offsets.host.template at<std::uint64_t>(), objects_ + 1};
   }
   cudaError_t make_room_for_new(std::size_t bytes) {
-    for (const cudaEvent_t event : sent_) PGL_CUDA_TRY(cudaEventSynchronize(event));
     PGL_CUDA_TRY(additional_.reserve(bytes));
-    for (PinnedBuffer& staging : staging_) PGL_CUDA_TRY(staging.reserve(bytes));
-    return cudaSuccess;
+    return staging_.reserve(bytes);
   }
 
   std::size_t objects_ = 0;
@@ -222,11 +214,11 @@ class BlockStream {
   std::size_t triangles_at_ = 0;  // bytes in what is new
   Buffer vertex_delta_, triangle_delta_, vertices_, triangles_, additional_;
   std::vector<std::uint64_t> host_vertex_delta_, host_triangle_delta_;
-  PinnedBuffer staging_[2];
+  PinnedBuffer staging_;
   ScanWorkspace scan_workspace_;
   DefragmentWorkspace workspace_;
   cudaStream_t copy_stream_ = nullptr;
-  cudaEvent_t selected_ = nullptr, applied_ = nullptr, sent_[2] = {nullptr, nullptr};
+  cudaEvent_t selected_ = nullptr, applied_ = nullptr, sent_ = nullptr;
 };
 
 }  // namespace pgl::cuda
