@@ -23,6 +23,7 @@
 #include "pgl/host/parallel.hpp"
 #include "scene/build_model.hpp"
 #include "scene/build_plant.hpp"
+#include "scene/error.hpp"
 #include "scene/import.hpp"
 #include "scene/model_file.hpp"
 #include "scene/model_view.hpp"
@@ -213,6 +214,9 @@ void show(const Options& options, const FrameModel<Index>& from, scene::ModelFil
   if (window == nullptr) renderer.draw_offscreen(width, height, samples_of(options));
 
   const Box box = bounds_of(model.object_boxes);
+  if (file != nullptr && !glm::all(glm::lessThanEqual(box.min, box.max))) {
+    throw scene::Error(file->path(), "has nothing to draw");
+  }
   const double extent = glm::distance(glm::dvec3(box.min), glm::dvec3(box.max));
   WindowState state;
   state.budget = options.budget;

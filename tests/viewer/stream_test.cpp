@@ -17,6 +17,7 @@
 
 #include "pgl/host/limit_transfer.hpp"
 #include "scene/build_plant.hpp"
+#include "scene/model_file.hpp"
 #include "scene/model_view.hpp"
 #include "support/test_data.hpp"
 #include "viewer/viewer.hpp"
@@ -615,6 +616,16 @@ TEST_F(Stream, AModelFileComesAloneAndWithoutOptionsOfItsMaking) {
     const Outcome outcome = run(with(with(offscreen, options), {"--output", "a.png", "a.pgl"}));
     EXPECT_EQ(outcome.code, 2);
     expect_refused(outcome, options[0] == "--no-weld" ? "weld" : options[0], kept);
+  }
+}
+
+TEST_F(Stream, AModelFileOfNothingIsRefused) {
+  pgl::scene::ModelFileWriter(folder_ / "nothing.pgl").finish();
+  for (const Arguments& more : {Arguments{}, {"--fly", "--stream", "always"}}) {
+    const Outcome outcome = run(with(with(offscreen, more), {"--output", "a.png", "nothing.pgl"}));
+    if (outcome.code == 3) GTEST_SKIP() << outcome.err;
+    EXPECT_EQ(outcome.code, 1);
+    expect_refused(outcome, "nothing.pgl: has nothing to draw", {"nothing.pgl"});
   }
 }
 
