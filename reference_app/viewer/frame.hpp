@@ -102,6 +102,7 @@ struct FrameModel {
 
 /// What a frame is made with.
 struct FrameOptions {
+  std::uint64_t budget = 0;         ///< vertices that frames will draw, about: whether the model fits depends on it
   std::uint32_t min_triangles = 0;  ///< a drawn object keeps at least so many, or all that it has
   OcclusionOptions occlusion;
   StreamOptions stream;
@@ -284,8 +285,11 @@ class Frame final : public AnyFrame {
     const std::optional<std::uint64_t> room =
         options.stream.gpu_memory ? options.stream.gpu_memory : Backend::memory_free();
     if (!room) return false;
-    // Twice the model's vertices and triangles: as they are, and as much again for what is drawn of them, at most.
-    const std::uint64_t all = tables_bytes(model) + 2 * (model.vertices.size_bytes() + model.triangles.size_bytes());
+    const ModelSize size = size_of(model);
+    const std::uint64_t drawn = std::min(options.budget, size.vertices);
+    const std::uint64_t all = tables_bytes(model) + model.vertices.size_bytes() + model.triangles.size_bytes() +
+                              drawn * sizeof(PlacedVertex) +
+                              std::min(2 * drawn, size.triangles) * sizeof(Triangle<std::uint32_t>);
     if (all <= *room) return false;
     if (options.stream.mode == StreamMode::never && options.stream.gpu_memory) {
       throw std::runtime_error("--gpu-memory: without streaming this model takes " + std::to_string(all >> 20) +

@@ -164,7 +164,7 @@ std::string title_of(std::uint64_t budget, std::size_t triangles, double ms) {
 
 template <class Index>
 std::unique_ptr<AnyFrame> make_frame(const Options& options, const FrameModel<Index>& model, Renderer& renderer) {
-  const FrameOptions frame{options.min_triangles, options.occlusion, options.stream};
+  const FrameOptions frame{options.budget, options.min_triangles, options.occlusion, options.stream};
   if constexpr (built_with_cuda) {
     if (options.backend == BackendKind::cuda) {
       return make_cuda_frame(model, frame, renderer.buffers(), renderer.vendor());
@@ -270,7 +270,11 @@ void show(const Options& options, const FrameModel<Index>& from, scene::ModelFil
     const double total = whole.lap();
     times.add(ms, draw, total);
     if (options.checksums) report.checksums.push_back(renderer.buffers().checksum());
-    if (frame->memory().streams) report.sent.push_back(frame->sent());
+    if (frame->memory().streams) {
+      report.sent.push_back(frame->sent());
+    } else if (done == 0 && (options.stream.transfer || options.stream.overlap)) {
+      scene::tell("pgl_viewer", "the model fits: nothing is streamed, --transfer and --overlap change nothing");
+    }
 
     if (window != nullptr) {
       if (std::exchange(state.take_picture, false)) {

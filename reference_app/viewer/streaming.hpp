@@ -39,7 +39,7 @@ struct MemoryPlan {
   std::uint64_t resident = 0;            ///< whatever the camera: tables, ecol and map, scratch, occluders
   std::uint64_t vertices = 0;            ///< elements that a selection may have
   std::uint64_t triangles = 0;           ///< elements that a selection may have
-  std::uint64_t additional = 0;          ///< what one frame may send
+  std::uint64_t additional = 0;          ///< what one frame may send; there is room for two
   std::uint64_t blocks = 0;              ///< the blocks and what frames send
   std::uint64_t drawn = 0;               ///< OpenGL's buffers
   std::optional<std::uint64_t> limit{};  ///< --gpu-memory
@@ -80,7 +80,7 @@ inline std::uint64_t plan_room(const StreamOptions& options, std::uint64_t verti
   plan.triangles = triangles;
   const std::uint64_t block = vertices * vertex_bytes + triangles * triangle_bytes;
   plan.additional = std::min(block, options.transfer.value_or(block));
-  plan.blocks = with_scratch(block) + plan.additional;
+  plan.blocks = with_scratch(block) + 2 * plan.additional;
   plan.drawn = vertices * sizeof(PlacedVertex) + triangles * sizeof(Triangle<std::uint32_t>);
   return plan.blocks + plan.drawn;
 }

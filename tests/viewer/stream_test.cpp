@@ -388,8 +388,8 @@ TEST_F(Stream, AutomaticallyWhatDoesNotFitIsStreamed) {
     (streams(middle) ? low : high) = middle;
   }
   const std::uint64_t model = 12 * number(free["model"]["vertices"]) + 6 * number(free["model"]["triangles"]);
-  EXPECT_GT(high, 2 * model);
-  EXPECT_LT(high, 3 * model);
+  EXPECT_GT(high, model + 16 * number(free["drawn"]["vertices"]) + 12 * number(free["drawn"]["triangles"]));
+  EXPECT_LT(high, 2 * model);
   const Json whole = statistics(with(quick, {"--gpu-memory", std::to_string(high), "--stream", "never"}));
   EXPECT_EQ(whole["stream"]["streams"], false);
   EXPECT_EQ(whole["drawn"], free["drawn"]);
