@@ -2,6 +2,11 @@
 // Reads what the next frames will want of a mapped model, on a thread in the background.
 #pragma once
 
+#if defined(__linux__)
+#include <sys/resource.h>
+#include <unistd.h>
+#endif
+
 #include <algorithm>
 #include <condition_variable>
 #include <cstddef>
@@ -66,6 +71,11 @@ class Prefetcher {
   }
 
   void serve(const std::stop_token& stop) {
+#if defined(__linux__)
+    // The frame's threads wait for each other: one that had to share its core would hold up all. So this one has what
+    // they leave. (Nice values are each thread's own on Linux.)
+    (void)setpriority(PRIO_PROCESS, static_cast<id_t>(gettid()), 19);
+#endif
 #if defined(_OPENMP)
     omp_set_num_threads(1);  // of this thread's parallel loops: the frame has the others
 #endif
