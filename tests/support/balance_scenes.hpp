@@ -116,4 +116,26 @@ inline BalanceScene any_balance_scene(std::mt19937& random, std::size_t most_obj
   return balance_scene(random, n, width, height, gpus, loads[random() % std::size(loads)]);
 }
 
+/// Few objects of nearly the largest load, for GPUs of large and nearly equal weights.
+inline BalanceScene heavy_balance_scene(std::mt19937& random) {
+  BalanceScene scene = balance_scene(random, 40, 400, 300, 2 + random() % 4, Loads::huge);
+  for (std::uint32_t& load : scene.loads) load = 0xffffffffu - random() % 1000;
+  for (std::uint32_t& weight : scene.weights) weight = 0xffffffffu - random() % 1000;
+  return scene;
+}
+
+/// Loads of 2 and 1 left of the middle and 1 right of it, with a threshold of a half.
+inline BalanceScene balance_scene_at_the_threshold() {
+  BalanceScene scene;
+  scene.width = 64;
+  scene.height = 8;
+  scene.weights = {1, 1};
+  scene.options.policy = pgl::BalancePolicy::bisection;
+  scene.options.threshold = 0.5f;
+  scene.options.bins = 0;
+  for (const float x : {8.0f, 24.0f, 48.0f}) scene.rectangles.push_back({x, 2.0f, x + 2.0f, 4.0f, 1.0f});
+  scene.loads = {2, 1, 1};
+  return scene;
+}
+
 }  // namespace test

@@ -177,6 +177,19 @@ TEST(BalanceTwin, SameBytesForSumsThatCarry) {
   EXPECT_TRUE(agree_for_both_policies(same));
 }
 
+/// Products whose words carry, of large loads and large weights; which of two borders is better hangs on the last bits.
+TEST(BalanceTwin, SameBytesForWeightsThatCarry) {
+  PGL_NEEDS_DEVICE();
+  std::mt19937 random(9);
+  for (int k = 0; k < 40; ++k) EXPECT_TRUE(agree_for_both_policies(test::heavy_balance_scene(random)));
+}
+
+/// Three against one is an imbalance of a half: the first border that bisection looks at, and not the best one.
+TEST(BalanceTwin, SameBytesWhereTheThresholdIsMetExactly) {
+  PGL_NEEDS_DEVICE();
+  EXPECT_TRUE(agree(test::balance_scene_at_the_threshold()));
+}
+
 TEST(BalanceTwin, SameBytesWhereNothingIsDrawnOrOneOutweighsAll) {
   PGL_NEEDS_DEVICE();
   std::mt19937 random(6);
