@@ -3,16 +3,18 @@
 #include <benchmark/benchmark.h>
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <cstdint>
-#include <limits>
 #include <random>
 #include <vector>
 
 #include "pgl/host/balance.hpp"
+#include "timing.hpp"
 
 namespace {
+
+using pgl::bench::least_ms;
+using pgl::bench::set_threads;
 
 constexpr std::size_t object_count = 718000;
 constexpr std::uint32_t width = 1920, height = 1080;
@@ -46,27 +48,6 @@ const Scene& hall() {
     return s;
   }();
   return scene;
-}
-
-template <class Run>
-double least_ms(int repeats, Run&& run) {
-  double least = std::numeric_limits<double>::infinity();
-  for (int k = 0; k < repeats; ++k) {
-    const auto start = std::chrono::steady_clock::now();
-    run();
-    const std::chrono::duration<double, std::milli> took = std::chrono::steady_clock::now() - start;
-    least = std::min(least, took.count());
-  }
-  return least;
-}
-
-void set_threads(std::int64_t threads) {
-#if defined(_OPENMP)
-  static const int all = omp_get_max_threads();
-  omp_set_num_threads(threads == 0 ? all : static_cast<int>(threads));
-#else
-  (void)threads;
-#endif
 }
 
 /// Alg 6 as one would write it from the paper: each step counts all objects again.

@@ -3,17 +3,19 @@
 #include <benchmark/benchmark.h>
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <cstdint>
-#include <limits>
 #include <numeric>
 #include <random>
 #include <vector>
 
 #include "pgl/host/distribute_budget.hpp"
+#include "timing.hpp"
 
 namespace {
+
+using pgl::bench::least_ms;
+using pgl::bench::set_threads;
 
 constexpr std::size_t object_count = 718000;
 constexpr std::uint64_t paper_budget = 10500000;
@@ -88,27 +90,6 @@ struct Plain {
     return total;
   }
 };
-
-template <class Run>
-double least_ms(int repeats, Run&& run) {
-  double least = std::numeric_limits<double>::infinity();
-  for (int k = 0; k < repeats; ++k) {
-    const auto start = std::chrono::steady_clock::now();
-    run();
-    const std::chrono::duration<double, std::milli> took = std::chrono::steady_clock::now() - start;
-    least = std::min(least, took.count());
-  }
-  return least;
-}
-
-void set_threads(std::int64_t threads) {
-#if defined(_OPENMP)
-  static const int all = omp_get_max_threads();
-  omp_set_num_threads(threads == 0 ? all : static_cast<int>(threads));
-#else
-  (void)threads;
-#endif
-}
 
 /// Arguments: threads (0: all), budget, 100 * alpha, 100 * PET, policy (0: exact, 1: paper, 2: fair). Counter
 /// `speedup`: the plain version's least time over ours.

@@ -84,13 +84,15 @@ bool DrawBuffers::has_room(std::size_t vertices, std::size_t triangles) const {
   return std::max<std::size_t>(vertices, 1) <= vertex_room_ && std::max<std::size_t>(triangles, 1) <= triangle_room_;
 }
 
-void DrawBuffers::make_room(std::size_t vertices, std::size_t triangles) {
+void DrawBuffers::make_room(std::size_t vertices, std::size_t triangles, bool exactly) {
   refuse_too_many(triangles);
   vertices_ = triangles_ = 0;
   bind();
-  const auto grow = [](GLenum target, std::size_t& room, std::size_t wanted, std::size_t size, const char* what) {
+  const auto grow = [exactly](GLenum target, std::size_t& room, std::size_t wanted, std::size_t size,
+                              const char* what) {
     if (std::max<std::size_t>(wanted, 1) <= room) return;
-    const std::size_t more = std::max({wanted, room + room / 2, std::size_t{1024}});
+    const std::size_t more =
+        exactly ? std::max(wanted, std::size_t{1}) : std::max({wanted, room + room / 2, std::size_t{1024}});
     room = 0;  // should it fail
     fill_buffer(target, more * size, nullptr, GL_DYNAMIC_DRAW, what);
     room = more;

@@ -26,8 +26,8 @@ class DrawBuffers {
 
   /// Tells whether the buffers have room for so much, and some at least: what make_room() leaves does.
   bool has_room(std::size_t vertices, std::size_t triangles) const;
-  /// Makes such room, by half more than before where a buffer grows. Nothing is drawn until set_drawn().
-  void make_room(std::size_t vertices, std::size_t triangles);
+  /// Makes such room, by half more than before where a buffer grows, or exactly. Nothing is drawn until set_drawn().
+  void make_room(std::size_t vertices, std::size_t triangles, bool exactly = false);
   /// Says how much of the buffers is drawn from now on. Precondition: has_room().
   void set_drawn(std::size_t vertices, std::size_t triangles);
 

@@ -85,10 +85,10 @@ class MappedBuffers {
   }
 
   /// Makes room and registers the buffers, unless they have it and are. On an error, neither is registered.
-  cudaError_t prepare(std::size_t vertices, std::size_t triangles) {
+  cudaError_t prepare(std::size_t vertices, std::size_t triangles, bool exactly = false) {
     if (resources_[1] != nullptr && buffers_.has_room(vertices, triangles)) return cudaSuccess;
     PGL_CUDA_TRY(forget());
-    buffers_.make_room(vertices, triangles);
+    buffers_.make_room(vertices, triangles, exactly);
     constexpr unsigned flags = cudaGraphicsRegisterFlagsWriteDiscard;
     cudaError_t error = cudaGraphicsGLRegisterBuffer(&resources_[0], buffers_.vertex_buffer(), flags);
     if (error == cudaSuccess) {
@@ -273,8 +273,10 @@ class CudaBackend {
   static std::optional<std::uint64_t> memory_free() { return free_bytes() / 10 * 9; }
   void prepare_drawing(std::size_t vertices, std::size_t triangles) {
     if (info_.interop) {
-      must(mapped_.prepare(vertices, triangles), "opening OpenGL's buffers: lower --budget");
+      must(mapped_.prepare(vertices, triangles, true), "opening OpenGL's buffers: lower --budget");
     } else {
+      vertices_ = {};
+      triangles_ = {};
       vertices_.resize(vertices);
       triangles_.resize(triangles);
     }

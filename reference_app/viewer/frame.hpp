@@ -123,7 +123,7 @@ struct FrameOptions {
 /// - BudgetWorkspace, ReformWorkspace<Index>, OccluderWorkspace, DepthWorkspace, TransferWorkspace: their scratch;
 /// - BlockStream<Index>, and reserve, begin, send, apply: its functions, with it as the first argument;
 /// - copies: whether an Input is a copy; memory_used(), memory_free(): bytes, as far as it knows;
-/// prepare_drawing(vertices, triangles): makes room;
+/// prepare_drawing(vertices, triangles): makes exactly so much room;
 /// - reserve(ReformWorkspace, objects, vertices of the largest mesh);
 /// - clear(depths): makes them all far_depth;
 /// - finish(): waits until the results are there;
@@ -400,8 +400,10 @@ class Frame final : public AnyFrame {
            chosen_.triangles.size() * sizeof(Triangle<Index>) + chosen_.map.size() * sizeof(std::uint32_t);
   }
 
-  /// The next frame begins with empty blocks.
+  /// The next frame begins with empty blocks. What there was goes first, so that exactly what is planned is taken.
   void make_blocks() {
+    backend_.finish();
+    stream_.emplace();
     backend_.reserve(*stream_, model_.view.objects.size(), memory_.vertices, memory_.triangles,
                      memory_.limit ? memory_.additional : 0);
     backend_.prepare_drawing(memory_.vertices, memory_.triangles);
