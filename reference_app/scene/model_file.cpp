@@ -571,9 +571,6 @@ std::uint64_t ModelFile::vertices() const {
 std::uint64_t ModelFile::triangles() const {
   return state_->layout.count[format::triangles];
 }
-std::uint64_t ModelFile::map_entries() const {
-  return state_->layout.count[format::map];
-}
 
 template <class Index>
 ModelView<Index> ModelFile::view() {

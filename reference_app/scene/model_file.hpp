@@ -50,12 +50,8 @@ class ModelFileWriter {
   }
 
   /// The objects so far, to be placed anew before finish(): their transforms may be written, and `mesh`, if it names a
-  /// mesh that is there. Valid until the next append() or finish(). So are the meshes' tables, beside them.
+  /// mesh that is there. Valid until the next append() or finish().
   [[nodiscard]] std::span<pgl::Object> objects();
-  [[nodiscard]] std::span<const pgl::Mesh> meshes() const;
-  [[nodiscard]] std::span<const pgl::Box> mesh_boxes() const;
-  [[nodiscard]] std::uint64_t vertices() const;
-  [[nodiscard]] std::uint64_t triangles() const;
 
   /// Says which axis points up, for who looks at the model; it is not told unless this is called.
   void set_up(UpAxis up);
@@ -99,7 +95,6 @@ class ModelFile {
   [[nodiscard]] std::uint64_t objects() const;
   [[nodiscard]] std::uint64_t vertices() const;
   [[nodiscard]] std::uint64_t triangles() const;
-  [[nodiscard]] std::uint64_t map_entries() const;
 
   /// Returns the arrays, valid as long as this ModelFile or the one that it was moved to. The first call checks the
   /// tables: all arrays of one entry per mesh or object. Of vertices, triangles, ecol and map only what require()

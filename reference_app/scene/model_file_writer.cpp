@@ -340,18 +340,6 @@ template void ModelFileWriter::append(const ModelView<std::uint32_t>&);
 std::span<pgl::Object> ModelFileWriter::objects() {
   return state_->objects;
 }
-std::span<const pgl::Mesh> ModelFileWriter::meshes() const {
-  return state_->meshes;
-}
-std::span<const pgl::Box> ModelFileWriter::mesh_boxes() const {
-  return state_->mesh_boxes;
-}
-std::uint64_t ModelFileWriter::vertices() const {
-  return state_->vertices.count;
-}
-std::uint64_t ModelFileWriter::triangles() const {
-  return state_->triangles.count;
-}
 
 void ModelFileWriter::set_up(UpAxis up) {
   PGL_ASSERT(up <= UpAxis::z);

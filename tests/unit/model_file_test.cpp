@@ -82,7 +82,6 @@ void expect_file_holds(const fs::path& path, const Model<Index>& model) {
   EXPECT_EQ(file.objects(), model.objects.size());
   EXPECT_EQ(file.vertices(), model.vertices.size());
   EXPECT_EQ(file.triangles(), model.triangles.size());
-  EXPECT_EQ(file.map_entries(), model.map.size());
   const ModelView<Index> view = file.view<Index>();
   file.require(full_counts(view));
   file.require_map();
@@ -295,10 +294,6 @@ TEST(ModelFileWriter, LetsObjectsBePlacedBeforeTheirTablesAreMade) {
   auto model = random_model<Index16>(random, {.meshes = 7, .objects = 20});
   ModelFileWriter writer(folder.path() / "m.pgl");
   writer.append(model);
-  EXPECT_EQ(writer.vertices(), model.vertices.size());
-  EXPECT_EQ(writer.triangles(), model.triangles.size());
-  expect_bytes<pgl::Mesh>(writer.meshes(), model.meshes, "meshes");
-  expect_bytes<pgl::Box>(writer.mesh_boxes(), model.mesh_boxes, "boxes");
   ASSERT_EQ(writer.objects().size(), 20u);
   for (std::size_t i = 0; i < 20; ++i) {
     writer.objects()[i].transform[3] += glm::vec3(100, static_cast<float>(i), 0);
@@ -989,6 +984,7 @@ TEST(ModelFile, AFileOfHugeHolesIsRefusedWithoutBeingRead) {
   const TemporaryFolder folder;
   std::mt19937 random(33);
   write_model(folder.path() / "m.pgl", Model<Index16>{});
+  int tried = 0;
   for (const std::uint64_t vertices : {std::uint64_t{1} << 38, std::uint64_t{1} << 58}) {
     pgl::scene::format::Counts counts{};
     counts[pgl::scene::format::ecol] = counts[pgl::scene::format::vertices] = vertices;
@@ -1003,12 +999,18 @@ TEST(ModelFile, AFileOfHugeHolesIsRefusedWithoutBeingRead) {
     bytes.seal_header();
     const fs::path path = folder.write("t.pgl", bytes.bytes);
     if (truncate(path.c_str(), static_cast<off_t>(layout->file_bytes)) != 0) continue;  // no such file system
+    ++tried;
+    std::optional<ModelFile> file;
     const std::string error = error_of([&] {
-      ModelFile file(path);
-      (void)file.view<Index16>();
+      file.emplace(path);
+      (void)file->view<Index16>();
     });
     EXPECT_NE(error, "");
+    if (file) {
+      EXPECT_LT(file->bytes_verified(), std::uint64_t{1} << 20);
+    }
   }
+  if (tried == 0) GTEST_SKIP() << "no file may be so long here: holes are NOT tried";
 }
 
 // ---- a file that shrinks --------------------------------------------------------------------------------------------
