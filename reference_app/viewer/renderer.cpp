@@ -279,6 +279,26 @@ class Edges {
   GLuint program_ = 0, vertex_array_ = 0, boxes_ = 0;
 };
 
+/// A tile as OpenGL takes it.
+struct Area {
+  explicit Area(const Tile& tile)
+      : x(static_cast<GLint>(tile.x0)),
+        y(static_cast<GLint>(tile.y0)),
+        width(static_cast<GLsizei>(tile.x1 - tile.x0)),
+        height(static_cast<GLsizei>(tile.y1 - tile.y0)) {}
+  GLint x, y;
+  GLsizei width, height;
+};
+
+/// Copies the colours of a tile to one of the same size elsewhere.
+void copy(GLuint from, const Tile& source, GLuint to, const Tile& target) {
+  const Area a(source), b(target);
+  glBindFramebuffer(GL_READ_FRAMEBUFFER, from);
+  glBindFramebuffer(GL_DRAW_FRAMEBUFFER, to);
+  glBlitFramebuffer(a.x, a.y, a.x + a.width, a.y + a.height, b.x, b.y, b.x + b.width, b.y + b.height,
+                    GL_COLOR_BUFFER_BIT, GL_NEAREST);
+}
+
 }  // namespace
 
 Renderer::Program Renderer::build(Style style) {
@@ -316,15 +336,19 @@ void Renderer::free_offscreen() {
   glDeleteFramebuffers(1, &read_framebuffer_);
   glDeleteRenderbuffers(1, &draw_color_);
   glDeleteRenderbuffers(1, &draw_depth_);
-  glDeleteRenderbuffers(1, &read_color_);
-  draw_framebuffer_ = read_framebuffer_ = draw_color_ = draw_depth_ = read_color_ = 0;
+  glDeleteTextures(1, &picture_);
+  draw_framebuffer_ = read_framebuffer_ = draw_color_ = draw_depth_ = picture_ = 0;
 }
 
 void Renderer::draw_offscreen(int width, int height, int samples) {
   free_offscreen();
   const std::string size = std::to_string(width) + "x" + std::to_string(height);
-  GLint largest = 0;
-  glGetIntegerv(GL_MAX_RENDERBUFFER_SIZE, &largest);
+  GLint renderbuffer = 0, texture = 0;
+  std::array<GLint, 2> viewport{};
+  glGetIntegerv(GL_MAX_RENDERBUFFER_SIZE, &renderbuffer);
+  glGetIntegerv(GL_MAX_TEXTURE_SIZE, &texture);
+  glGetIntegerv(GL_MAX_VIEWPORT_DIMS, viewport.data());
+  const GLint largest = std::min({renderbuffer, texture, viewport[0], viewport[1]});
   if (width > largest || height > largest) {
     throw std::runtime_error("--size: " + size + " is larger than this driver's " + std::to_string(largest) + "x" +
                              std::to_string(largest));
@@ -334,24 +358,35 @@ void Renderer::draw_offscreen(int width, int height, int samples) {
   samples_ = std::min(samples, most_samples);
   if (samples_ == 1 || static_cast<long>(width) * height > 32'000'000) samples_ = 0;  // none but the centre
 
-  auto make = [&](GLuint& framebuffer, int of_each, GLuint& color, GLuint* depth) {
+  const auto begin = [](GLuint& framebuffer) {
     glGenFramebuffers(1, &framebuffer);
     glBindFramebuffer(GL_FRAMEBUFFER, framebuffer);
-    auto attach = [&](GLuint& buffer, GLenum format, GLenum attachment) {
-      glGenRenderbuffers(1, &buffer);
-      glBindRenderbuffer(GL_RENDERBUFFER, buffer);
-      glRenderbufferStorageMultisample(GL_RENDERBUFFER, of_each, format, width, height);
-      glFramebufferRenderbuffer(GL_FRAMEBUFFER, attachment, GL_RENDERBUFFER, buffer);
-    };
-    attach(color, GL_RGBA8, GL_COLOR_ATTACHMENT0);
-    if (depth != nullptr) attach(*depth, GL_DEPTH_COMPONENT32F, GL_DEPTH_ATTACHMENT);
+  };
+  const auto end = [&] {
     check("making a picture of " + size);
     if (glCheckFramebufferStatus(GL_FRAMEBUFFER) != GL_FRAMEBUFFER_COMPLETE) {
       throw std::runtime_error("--size: the driver cannot draw a picture of " + size);
     }
   };
-  make(read_framebuffer_, 0, read_color_, nullptr);
-  make(draw_framebuffer_, samples_, draw_color_, &draw_depth_);
+  begin(read_framebuffer_);
+  glGenTextures(1, &picture_);
+  glBindTexture(GL_TEXTURE_2D, picture_);
+  glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAX_LEVEL, 0);
+  glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MIN_FILTER, GL_NEAREST);
+  glTexImage2D(GL_TEXTURE_2D, 0, GL_RGBA8, width, height, 0, GL_RGBA, GL_UNSIGNED_BYTE, nullptr);
+  glFramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_TEXTURE_2D, picture_, 0);
+  end();
+
+  begin(draw_framebuffer_);
+  const auto attach = [&](GLuint& buffer, GLenum format, GLenum attachment) {
+    glGenRenderbuffers(1, &buffer);
+    glBindRenderbuffer(GL_RENDERBUFFER, buffer);
+    glRenderbufferStorageMultisample(GL_RENDERBUFFER, samples_, format, width, height);
+    glFramebufferRenderbuffer(GL_FRAMEBUFFER, attachment, GL_RENDERBUFFER, buffer);
+  };
+  attach(draw_color_, GL_RGBA8, GL_COLOR_ATTACHMENT0);
+  attach(draw_depth_, GL_DEPTH_COMPONENT32F, GL_DEPTH_ATTACHMENT);
+  end();
 }
 
 void Renderer::begin(const View& view) const {
@@ -378,10 +413,17 @@ void Renderer::draw_triangles(const Program& program, const View& view, const Ca
   buffers_.draw();
 }
 
-void Renderer::draw(const View& view, const Camera& camera, double extent, bool wireframe, bool wait) {
+void Renderer::draw(const View& view, const Camera& camera, double extent, bool wireframe, bool wait,
+                    const std::optional<Tile>& tile) {
   if (wireframe && wire_.name == 0) wire_ = build(Style::wireframe);
+  if (tile) {
+    const Area area(*tile);
+    glEnable(GL_SCISSOR_TEST);
+    glScissor(area.x, area.y, area.width, area.height);
+  }
   begin(view);
   draw_triangles(wireframe ? wire_ : shaded_, view, camera, extent);
+  glDisable(GL_SCISSOR_TEST);
   if (wait) {
     glFinish();
   } else {
@@ -413,22 +455,49 @@ void Renderer::draw_reference(const View& view, const Camera& camera, double ext
   check("drawing the reference");
 }
 
-Image Renderer::read(int width, int height) {
-  if (draw_framebuffer_ != 0) {
-    glBindFramebuffer(GL_READ_FRAMEBUFFER, draw_framebuffer_);
-    glBindFramebuffer(GL_DRAW_FRAMEBUFFER, read_framebuffer_);
-    glBlitFramebuffer(0, 0, width, height, 0, 0, width, height, GL_COLOR_BUFFER_BIT, GL_NEAREST);
-  }
-  glBindFramebuffer(GL_FRAMEBUFFER, read_framebuffer_);
-  Image image{width, height, {}};
-  const std::size_t row = static_cast<std::size_t>(width) * 3;
-  image.rgb.resize(row * static_cast<std::size_t>(height));
+void Renderer::resolve(const Tile& tile) {
+  copy(draw_framebuffer_, tile, read_framebuffer_, tile);
+  check("resolving the picture");
+}
+
+void Renderer::read_tile(const Tile& tile, std::span<std::byte> bytes) {
+  const Area area(tile);
+  glBindFramebuffer(GL_READ_FRAMEBUFFER, read_framebuffer_);
   glPixelStorei(GL_PACK_ALIGNMENT, 1);
-  glReadPixels(0, 0, width, height, GL_RGB, GL_UNSIGNED_BYTE, image.rgb.data());
+  glReadPixels(area.x, area.y, area.width, area.height, GL_RGBA, GL_UNSIGNED_BYTE, bytes.data());
+  check("reading a tile");
+}
+
+void Renderer::write_tile(const Tile& tile, std::span<const std::byte> bytes) {
+  const Area area(tile);
+  glBindTexture(GL_TEXTURE_2D, picture_);
+  glPixelStorei(GL_UNPACK_ALIGNMENT, 1);
+  glTexSubImage2D(GL_TEXTURE_2D, 0, area.x, area.y, area.width, area.height, GL_RGBA, GL_UNSIGNED_BYTE, bytes.data());
+  check("writing a tile");
+}
+
+void Renderer::present(const Tile& part) {
+  copy(read_framebuffer_, part, 0, {0, 0, part.x1 - part.x0, part.y1 - part.y0});
+  check("showing the picture");
+}
+
+Image Renderer::read(int width, int height) {
+  if (draw_framebuffer_ != 0) resolve(whole(width, height));
+  return read_picture(whole(width, height));
+}
+
+Image Renderer::read_picture(const Tile& part) {
+  const Area area(part);
+  Image image{area.width, area.height, {}};
+  const std::size_t row = static_cast<std::size_t>(area.width) * 3;
+  image.rgb.resize(row * static_cast<std::size_t>(area.height));
+  glBindFramebuffer(GL_READ_FRAMEBUFFER, read_framebuffer_);
+  glPixelStorei(GL_PACK_ALIGNMENT, 1);
+  glReadPixels(area.x, area.y, area.width, area.height, GL_RGB, GL_UNSIGNED_BYTE, image.rgb.data());
   check("reading the picture");
-  for (int y = 0; y < height / 2; ++y) {  // OpenGL's bottom row is first
+  for (int y = 0; y < area.height / 2; ++y) {  // OpenGL's bottom row is first
     std::uint8_t* top = image.rgb.data() + row * static_cast<std::size_t>(y);
-    std::swap_ranges(top, top + row, image.rgb.data() + row * static_cast<std::size_t>(height - 1 - y));
+    std::swap_ranges(top, top + row, image.rgb.data() + row * static_cast<std::size_t>(area.height - 1 - y));
   }
   return image;
 }
