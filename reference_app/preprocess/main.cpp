@@ -110,6 +110,7 @@ void print_file(const std::string& path) {
   row("meshes", file.meshes());
   row("vertices", file.vertices());
   row("triangles", file.triangles());
+  row("errors", file.has_errors() ? "recorded" : "none");
   row("index", file.wide() ? "32 bits" : "16 bits");
   constexpr std::array<const char*, 4> up = {"not told", "x", "y", "z"};
   row("up", up.at(static_cast<std::size_t>(file.up())));
@@ -173,7 +174,7 @@ void build_files(const Options& options, const std::vector<fs::path>& files, sce
   const auto build_batch = [&] {
     Stopwatch watch;
     const scene::AnyModel model =
-        scene::build_any_model(std::exchange(batch, {}), options.ecol, progress, &totals.built);
+        scene::build_any_model(std::exchange(batch, {}), options.ecol, progress, &totals.built, options.errors);
     totals.build += watch.lap();
     append(model, writer);
     totals.write += watch.lap();
@@ -236,7 +237,7 @@ void build_plant(const Options& options, scene::ModelFileWriter& writer, Teller&
     teller.where = end - first < all ? ", object " + grouped(first + 1) + " of " + grouped(all) : std::string();
     Stopwatch watch;
     const scene::AnyModel model = scene::build_plant(options.plant, first, end - first, options.import.weld,
-                                                     options.ecol, progress, &totals.built);
+                                                     options.ecol, progress, &totals.built, options.errors);
     first = end;
     totals.build += watch.lap();
     append(model, writer);

@@ -32,6 +32,9 @@ std::optional<Options> parse_options(int argc, const char* const* argv) {
                                               "Every file is a part; parts are laid out on shelves, z up, with aisles");
   const scene::ImportOptionLists import = add_import_options(line, options.import);
   const OptionList ecol = add_ecol_options(line, options.ecol);
+  const CLI::Option* errors =
+      app.add_flag("--errors", options.errors,
+                   "Record the error of every count of vertices too, for selection by error (quality mode)");
   const CLI::Option* up = add_up_option(
       line, options.up, "Which axis points up, for the viewer [z of the plant and of --warehouse, else y]");
   const CLI::Option* batch =
@@ -46,7 +49,7 @@ std::optional<Options> parse_options(int argc, const char* const* argv) {
     options.file = look == verified ? verify : info;
     if (verified->count() > 0 && shown->count() > 0) refuse("--info", "is one thing, --verify another");
     if (!options.inputs.empty()) refuse(look->get_name(), "takes one file and no models beside it");
-    for (const OptionList& list : {OptionList{made, warehouse, up, batch}, plant, import.all, ecol}) {
+    for (const OptionList& list : {OptionList{made, warehouse, errors, up, batch}, plant, import.all, ecol}) {
       refuse_given(list, "is for making a file, not for " + look->get_name());
     }
     return options;

@@ -23,6 +23,7 @@ struct Options {
   scene::PlantOptions plant{.objects = 2000};
   scene::ImportOptions import;
   EcolOptions ecol;
+  bool errors = false;  ///< to be recorded beside the model
   bool warehouse = false;
   scene::UpAxis up = scene::UpAxis::not_told;  ///< told where a file is made
   std::size_t batch = 2'000'000;               ///< triangles that small models are built together up to

@@ -32,18 +32,19 @@ struct Workspace {
 template <class Index>
 constexpr std::size_t most_vertices = sizeof(Index) == 2 ? 65536 : 0xffffffff;
 
-/// Builds mesh i into its place; map entry k goes to map[k], for k from the returned minimum on.
+/// Builds mesh i into its place; map entry k goes to map[k], for k from the returned minimum on, and so do errors,
+/// unless they are empty.
 template <class Index>
 std::uint32_t build_mesh(const MeshData& mesh, const pgl::EcolOptions& options, Workspace& w,
                          std::span<glm::vec3> vertices, std::span<pgl::Triangle<Index>> triangles,
-                         std::span<Index> ecol, std::span<std::uint32_t> map) {
+                         std::span<Index> ecol, std::span<std::uint32_t> map, std::span<float> errors) {
   const std::span<const glm::vec3> positions(mesh.positions);
   const std::span<const pgl::Triangle<std::uint32_t>> original(mesh.triangles);
   w.ecol.resize(positions.size());
   w.permute_v.resize(positions.size());
   w.permute_t.resize(original.size());
   const std::uint32_t min_vertices = pgl::host::build_ecol<float, std::uint32_t>(
-      positions, original, {}, options, w.collapse, w.ecol, w.permute_v, w.permute_t, map, {});
+      positions, original, {}, options, w.collapse, w.ecol, w.permute_v, w.permute_t, map, errors);
 
   // Collapsing and rearranging work in 32 bits: a vertex number of the original order may equal a narrow no_target.
   const auto rearrange = [&](std::span<pgl::Triangle<std::uint32_t>> to_triangles, std::span<std::uint32_t> to_ecol) {
@@ -101,7 +102,7 @@ std::size_t count_open_vertices(std::size_t vertices, const std::vector<pgl::Tri
 
 template <class Index>
 Model<Index> build_model(const MeshSource& source, std::vector<pgl::Object> objects, const pgl::EcolOptions& options,
-                         const Progress& progress, BuildReport* report) {
+                         const Progress& progress, BuildReport* report, bool errors) {
   for (const pgl::Object& object : objects)
     if (object.mesh >= source.count) throw Error("model", "an object has no mesh");
 
@@ -129,6 +130,7 @@ Model<Index> build_model(const MeshSource& source, std::vector<pgl::Object> obje
   model.triangles.resize(triangles);
   model.ecol.resize(vertices);
   model.map.resize(map_entries);
+  if (errors) model.errors.resize(map_entries);
   model.mesh_boxes.resize(source.count);
 
   std::vector<Workspace> workspaces(pgl::host::thread_count());
@@ -139,11 +141,14 @@ Model<Index> build_model(const MeshSource& source, std::vector<pgl::Object> obje
     source.make(m, w.mesh);
     if (w.mesh.positions.size() != mesh.max_vertices || w.mesh.triangles.size() != triangle_counts[m])
       throw Error("model", "mesh " + std::to_string(m) + " is not of the size announced");
-    mesh.min_vertices =
-        build_mesh<Index>(w.mesh, options, w, std::span(model.vertices).subspan(mesh.first_vertex, mesh.max_vertices),
-                          std::span(model.triangles).subspan(mesh.first_triangle, triangle_counts[m]),
-                          std::span(model.ecol).subspan(mesh.first_vertex, mesh.max_vertices),
-                          std::span(model.map).subspan(mesh.first_map, std::size_t{mesh.max_vertices} + 1));
+    const auto of_map = [&](auto& array) {
+      return array.empty() ? std::span(array)
+                           : std::span(array).subspan(mesh.first_map, std::size_t{mesh.max_vertices} + 1);
+    };
+    mesh.min_vertices = build_mesh<Index>(
+        w.mesh, options, w, std::span(model.vertices).subspan(mesh.first_vertex, mesh.max_vertices),
+        std::span(model.triangles).subspan(mesh.first_triangle, triangle_counts[m]),
+        std::span(model.ecol).subspan(mesh.first_vertex, mesh.max_vertices), of_map(model.map), of_map(model.errors));
     model.mesh_boxes[m] = pgl::host::bounds(w.mesh.positions);
     open_vertices += count_open_vertices(mesh.max_vertices, w.mesh.triangles, w.open_edges);
   });
@@ -151,13 +156,18 @@ Model<Index> build_model(const MeshSource& source, std::vector<pgl::Object> obje
 
   map_entries = 0;
   for (pgl::Mesh& mesh : model.meshes) {
-    const auto from = model.map.begin() + static_cast<std::ptrdiff_t>(mesh.first_map);
-    std::copy(from + mesh.min_vertices, from + mesh.max_vertices + 1,
-              model.map.begin() + static_cast<std::ptrdiff_t>(map_entries));
+    const auto move_down = [&](auto& array) {
+      const auto from = array.begin() + static_cast<std::ptrdiff_t>(mesh.first_map);
+      std::copy(from + mesh.min_vertices, from + mesh.max_vertices + 1,
+                array.begin() + static_cast<std::ptrdiff_t>(map_entries));
+    };
+    move_down(model.map);
+    if (errors) move_down(model.errors);
     mesh.first_map = map_entries;
     map_entries += mesh.max_vertices - mesh.min_vertices + 1;
   }
   model.map.resize(map_entries);
+  if (errors) model.errors.resize(map_entries);
 
   model.oriented_boxes.resize(source.count);
   model.compactness.resize(source.count);
@@ -180,27 +190,28 @@ Model<Index> build_model(const MeshSource& source, std::vector<pgl::Object> obje
 }
 
 template Model<std::uint16_t> build_model(const MeshSource&, std::vector<pgl::Object>, const pgl::EcolOptions&,
-                                          const Progress&, BuildReport*);
+                                          const Progress&, BuildReport*, bool);
 template Model<std::uint32_t> build_model(const MeshSource&, std::vector<pgl::Object>, const pgl::EcolOptions&,
-                                          const Progress&, BuildReport*);
+                                          const Progress&, BuildReport*, bool);
 
 AnyModel build_any_model(const MeshSource& source, std::vector<pgl::Object> objects, const pgl::EcolOptions& options,
-                         const Progress& progress, BuildReport* report) {
+                         const Progress& progress, BuildReport* report, bool errors) {
   bool narrow = true;
   for (std::size_t m = 0; m < source.count; ++m)
     narrow = narrow && source.size(m).vertices <= most_vertices<std::uint16_t>;
-  if (narrow) return build_model<std::uint16_t>(source, std::move(objects), options, progress, report);
-  return build_model<std::uint32_t>(source, std::move(objects), options, progress, report);
+  if (narrow) return build_model<std::uint16_t>(source, std::move(objects), options, progress, report, errors);
+  return build_model<std::uint32_t>(source, std::move(objects), options, progress, report, errors);
 }
 
-AnyModel build_any_model(Scene scene, const pgl::EcolOptions& options, const Progress& progress, BuildReport* report) {
+AnyModel build_any_model(Scene scene, const pgl::EcolOptions& options, const Progress& progress, BuildReport* report,
+                         bool errors) {
   MeshSource source;
   source.count = scene.meshes.size();
   source.size = [&](std::size_t m) {
     return MeshSize{scene.meshes[m].positions.size(), scene.meshes[m].triangles.size()};
   };
   source.make = [&](std::size_t m, MeshData& mesh) { mesh = std::exchange(scene.meshes[m], {}); };
-  return build_any_model(source, std::move(scene.objects), options, progress, report);
+  return build_any_model(source, std::move(scene.objects), options, progress, report, errors);
 }
 
 }  // namespace pgl::scene

@@ -12,7 +12,7 @@
 namespace pgl::scene {
 
 AnyModel build_plant(const PlantOptions& options, std::size_t first, std::size_t count, bool weld,
-                     const pgl::EcolOptions& ecol, const Progress& progress, BuildReport* report) {
+                     const pgl::EcolOptions& ecol, const Progress& progress, BuildReport* report, bool errors) {
   const auto make = [&](std::size_t i, MeshData& mesh) {
     plant_object(options, first + i, mesh);
     if (weld) scene::weld(mesh);
@@ -27,7 +27,7 @@ AnyModel build_plant(const PlantOptions& options, std::size_t first, std::size_t
   const MeshSource source{count, [&](std::size_t i) { return sizes[i]; }, make};
   std::vector<pgl::Object> objects(count);
   for (std::size_t i = 0; i < count; ++i) objects[i].mesh = static_cast<std::uint32_t>(i);
-  return build_any_model(source, std::move(objects), ecol, progress, report);
+  return build_any_model(source, std::move(objects), ecol, progress, report, errors);
 }
 
 }  // namespace pgl::scene

@@ -10,6 +10,7 @@
 #include <mutex>
 #include <new>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "pgl/config.hpp"
@@ -75,7 +76,7 @@ struct ModelFile::State {
   std::atomic<std::uint64_t> verified_count{0};
 
   std::mutex mutex;  ///< of the first view()
-  std::atomic<bool> tables_checked{false}, map_checked{false}, ecol_checked{false};
+  std::atomic<bool> tables_checked{false}, map_checked{false}, ecol_checked{false}, errors_checked{false};
   std::vector<pgl::Mesh> meshes;
   std::vector<pgl::Object> objects;
   std::vector<std::uint32_t> mesh_of_object;
@@ -113,14 +114,22 @@ struct ModelFile::State {
     if (!std::equal(magic.begin(), magic.begin() + known, header.magic.begin())) fail("is not a pgl model file");
     if (readable < sizeof(Header)) fail("is truncated: it has no whole header");
     if (header.byte_order == __builtin_bswap32(byte_order)) fail("is of a machine with the other order of bytes");
-    if (header.version != version)
-      fail("has version " + std::to_string(header.version) + " of the format, this program reads version " +
+    if (header.version != 1 && header.version != version)
+      fail("has version " + std::to_string(header.version) + " of the format, this program reads versions 1 and " +
            std::to_string(version));
     const auto header_bytes = std::as_bytes(std::span(&header, 1));
     if (checksum(header_bytes.first(offsetof(Header, checksum))) != header.checksum)
       fail("is damaged: the checksum of the header does not match");
 
     // From here on what is wrong is not by accident.
+    if (header.version == 1) {  // as version 2 without errors, whose section would begin where the checksums do
+      if (header.number_of_sections != section_count - 1 || header.sections[checksums] != SectionEntry{})
+        fail("is damaged: the header does not make sense");
+      header.number_of_sections = section_count;
+      header.sections[checksums] =
+          std::exchange(header.sections[errors], {errors, 4, header.sections[errors].first_byte, 0});
+      header.sections[checksums].section += checksums - errors;
+    }
     const auto is_zero = [](unsigned char byte) { return byte == 0; };
     if (header.byte_order != byte_order || header.bytes_per_page != page_bytes ||
         header.number_of_sections != section_count || (header.index_bits != 16 && header.index_bits != 32) ||
@@ -147,6 +156,8 @@ struct ModelFile::State {
     for (const std::uint32_t s : {object_boxes, faces, compactness_order})
       if (layout.count[s] != layout.count[format::objects]) damaged(s, "has not one entry per object");
     if (layout.count[ecol] != layout.count[format::vertices]) damaged(ecol, "has not one entry per vertex");
+    if (layout.count[errors] != 0 && layout.count[errors] != layout.count[map])
+      damaged(errors, "has not one entry per entry of 'map'");
     if (layout.count[format::meshes] > 0xffffffffu) damaged(format::meshes, "has too many entries");
     if (layout.count[format::objects] > std::uint64_t{1} << 31) damaged(format::objects, "has too many entries");
     if (header.file_bytes != layout.file_bytes) fail("is damaged: the header does not agree with its sections");
@@ -377,6 +388,14 @@ struct ModelFile::State {
     check_map_of(m);
   }
 
+  bool has_errors() const { return layout.count[format::errors] == layout.count[format::map]; }
+  void check_errors_of(std::uint64_t m) const {
+    const auto errors = section<float>(format::errors).subspan(meshes[m].first_map, map_entries_of(m));
+    bool good = errors.back() >= 0.0f;  // and with it, where none is NaN, all before it
+    for (std::size_t k = 1; k < errors.size(); ++k) good &= errors[k - 1] >= errors[k];
+    if (!good) damaged_mesh(format::errors, m, "has errors that rise with the count, or a negative one or NaN");
+  }
+
   template <class Index>
   void check_ecol_as(std::uint64_t m) const {
     const pgl::Mesh& mesh = meshes[m];
@@ -433,6 +452,7 @@ struct ModelFile::State {
     check_map_of(m);
     check_ecol_of(m);
     check_triangles_of(m, 0, triangles_of(m));
+    if (has_errors()) check_errors_of(m);
   }
 
   /// The maps of objects [first, last) that have counts.
@@ -571,6 +591,9 @@ std::uint64_t ModelFile::vertices() const {
 std::uint64_t ModelFile::triangles() const {
   return state_->layout.count[format::triangles];
 }
+bool ModelFile::has_errors() const {
+  return state_->has_errors();
+}
 
 template <class Index>
 ModelView<Index> ModelFile::view() {
@@ -585,6 +608,7 @@ ModelView<Index> ModelFile::view() {
   view.triangles = s.section<pgl::Triangle<Index>>(format::triangles);
   view.ecol = s.section<Index>(format::ecol);
   view.map = s.section<std::uint32_t>(format::map);
+  view.errors = s.section<float>(format::errors);
   view.mesh_boxes = s.section<pgl::Box>(format::mesh_boxes);
   view.object_boxes = s.section<pgl::Box>(format::object_boxes);
   view.oriented_boxes = s.section<pgl::OrientedBox>(format::oriented_boxes);
@@ -623,6 +647,13 @@ void ModelFile::require_map() {
 void ModelFile::require_ecol() {
   State& s = *state_;
   s.require_section(format::ecol, s.ecol_checked, [&s](std::uint64_t m) { s.require_ecol_of(m); });
+  s.check();
+}
+
+void ModelFile::require_errors() {
+  State& s = *state_;
+  if (!s.has_errors()) s.fail("has no recorded errors; pgl_preprocess --errors records them");
+  s.require_section(format::errors, s.errors_checked, [&s](std::uint64_t m) { s.check_errors_of(m); });
   s.check();
 }
 

@@ -24,11 +24,11 @@ enum class TemporaryFiles : std::uint8_t { unnamed, named };
 
 /// Writes a model file from parts, one at a time, in bounded memory.
 ///
-/// Vertices, triangles, ecol and map go to temporary files in the folder of `file` as they come; of meshes and objects
-/// the tables stay in memory, 172 bytes for an object with a mesh of its own and 64 more in finish(). Until finish()
-/// returns nothing is to be seen at `file`; then the model is there as a whole, in the place of what was there before.
-/// Without it the destructor leaves nothing behind. Every function throws Error, one line that names the file, where it
-/// cannot be written; after that only the destructor may be called.
+/// Vertices, triangles, ecol, map and errors go to temporary files in the folder of `file` as they come; of meshes and
+/// objects the tables stay in memory, 172 bytes for an object with a mesh of its own and 64 more in finish(). Until
+/// finish() returns nothing is to be seen at `file`; then the model is there as a whole, in the place of what was there
+/// before. Without it the destructor leaves nothing behind. Every function throws Error, one line that names the file,
+/// where it cannot be written; after that only the destructor may be called.
 class ModelFileWriter {
  public:
   /// Makes the temporary files. Throws Error where that cannot be done, or `file` is there and no regular file. A
@@ -40,7 +40,8 @@ class ModelFileWriter {
 
   /// Adds a part: its meshes and objects follow those already there, and are numbered on from them. Of its tables of
   /// objects only `objects` is read; the others are made in finish(). Parts of 16 and of 32 bits may be mixed: one of
-  /// 32 makes all the file so. Throws Error where there would be more than 2^32 - 1 meshes or 2^31 objects.
+  /// 32 makes all the file so. Either all parts that have meshes have errors, or none has (finish() throws Error).
+  /// Throws Error where there would be more than 2^32 - 1 meshes or 2^31 objects.
   /// Precondition: the part is as Model says.
   template <class Index>
   void append(const ModelView<Index>& part);
@@ -95,11 +96,13 @@ class ModelFile {
   [[nodiscard]] std::uint64_t objects() const;
   [[nodiscard]] std::uint64_t vertices() const;
   [[nodiscard]] std::uint64_t triangles() const;
+  [[nodiscard]] bool has_errors() const;  ///< whether an error is recorded beside every entry of map
 
   /// Returns the arrays, valid as long as this ModelFile or the one that it was moved to. The first call checks the
   /// tables: all arrays of one entry per mesh or object. Of vertices, triangles, ecol and map only what require()
-  /// has let pass may be read. meshes and objects are copies in memory, so that where is read does not depend on the
-  /// file any more. Precondition: Index is of the width that wide() says.
+  /// has let pass may be read, of errors what require_errors() has; errors are empty without has_errors(). meshes and
+  /// objects are copies in memory, so that where is read does not depend on the file any more. Precondition: Index is
+  /// of the width that wide() says.
   template <class Index>
   [[nodiscard]] ModelView<Index> view();
 
@@ -115,6 +118,8 @@ class ModelFile {
   /// Checks all of a section that is read as a whole, as for a copy to a GPU. Nothing to do the second time.
   void require_map();
   void require_ecol();
+  /// The same; throws Error without has_errors().
+  void require_errors();
 
   /// Does what require does, on the calling thread alone and without throwing, so that a later require finds it done:
   /// for a thread in the background. What is wrong is left for require to tell. Of what has been checked before, it

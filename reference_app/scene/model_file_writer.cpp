@@ -269,11 +269,12 @@ struct ModelFileWriter::State {
         vertices(file, kind),
         triangles(file, kind),
         ecol(file, kind),
-        map(file, kind) {}
+        map(file, kind),
+        errors(file, kind) {}
 
   std::filesystem::path file;
   TemporaryFile out;
-  Spill vertices, triangles, ecol, map;
+  Spill vertices, triangles, ecol, map, errors;
   bool wide = false;
   UpAxis up = UpAxis::not_told;
   std::vector<pgl::Mesh> meshes;
@@ -291,6 +292,7 @@ struct ModelFileWriter::State {
     counts[format::map] = map.count;
     counts[format::ecol] = counts[format::vertices] = vertices.count;
     counts[format::triangles] = triangles.count;
+    counts[format::errors] = errors.count;
     const auto found = format::layout_of(counts, wide);
     if (!found) throw Error(file, "cannot be written: it would be too large");
     return *found;
@@ -309,6 +311,7 @@ void ModelFileWriter::append(const ModelView<Index>& part) {
   constexpr bool wide = sizeof(Index) == 4;
   PGL_ASSERT(part.mesh_boxes.size() == part.meshes.size() && part.oriented_boxes.size() == part.meshes.size());
   PGL_ASSERT(part.compactness.size() == part.meshes.size() && part.ecol.size() == part.vertices.size());
+  PGL_ASSERT(part.errors.empty() || part.errors.size() == part.map.size());
   if (part.meshes.size() > 0xffffffffu - s.meshes.size()) throw Error(s.file, "cannot be written: too many meshes");
   if (part.objects.size() > (std::size_t{1} << 31) - s.objects.size())
     throw Error(s.file, "cannot be written: too many objects");
@@ -333,6 +336,7 @@ void ModelFileWriter::append(const ModelView<Index>& part) {
   s.triangles.append(s.file, part.triangles, wide);
   s.ecol.append(s.file, part.ecol, wide);
   s.map.append(s.file, part.map, wide);
+  s.errors.append(s.file, part.errors, wide);
 }
 template void ModelFileWriter::append(const ModelView<std::uint16_t>&);
 template void ModelFileWriter::append(const ModelView<std::uint32_t>&);
@@ -350,6 +354,8 @@ void ModelFileWriter::finish(const Progress& progress) {
   State& s = *state_;
   for (const pgl::Object& object : s.objects)
     if (object.mesh >= s.meshes.size()) throw Error(s.file, "cannot be written: an object has no mesh");
+  if (s.errors.count != 0 && s.errors.count != s.map.count)
+    throw Error(s.file, "cannot be written: some parts have errors, others none");
   const format::Layout layout = s.layout();
   PageWriter out(s.file, s.out.descriptor(), layout.file_bytes, progress);
 
@@ -374,6 +380,7 @@ void ModelFileWriter::finish(const Progress& progress) {
   write_spill<std::uint16_t, std::uint32_t>(s.file, s.ecol, s.wide, out);
   write_spill<pgl::Triangle<std::uint16_t>, pgl::Triangle<std::uint32_t>>(s.file, s.triangles, s.wide, out);
   write_spill<glm::vec3, glm::vec3>(s.file, s.vertices, s.wide, out);
+  write_spill<float, float>(s.file, s.errors, s.wide, out);
   PGL_ASSERT(out.page() * page_bytes == layout.first_byte[format::checksums]);
 
   std::vector<std::uint64_t> checksums = out.take_checksums();

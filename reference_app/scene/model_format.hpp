@@ -28,7 +28,7 @@ static_assert(sizeof(pgl::Triangle<std::uint16_t>) == 6 && sizeof(pgl::Triangle<
 
 /// "PGL" after a byte that no text has, and then what a transfer as text would change.
 inline constexpr std::array<unsigned char, 8> magic = {0x93, 'P', 'G', 'L', '\r', '\n', 0x1a, '\n'};
-inline constexpr std::uint32_t version = 1;
+inline constexpr std::uint32_t version = 2;
 inline constexpr std::uint32_t byte_order = 0x01020304;
 inline constexpr std::uint64_t page_bytes = 4096;
 inline constexpr std::uint64_t checksums_per_page = page_bytes / 8;
@@ -47,17 +47,18 @@ enum Section : std::uint32_t {
   ecol,
   triangles,
   vertices,
+  errors,  ///< not in version 1
   checksums,
 };
-inline constexpr std::uint32_t section_count = 13;
+inline constexpr std::uint32_t section_count = 14;
 inline constexpr std::uint32_t first_bulk_section = map;  ///< those before it are tables
 
 inline constexpr std::array<std::string_view, section_count> section_names = {
     "meshes", "objects", "mesh_boxes", "object_boxes", "oriented_boxes", "compactness", "faces", "compactness_order",
-    "map",    "ecol",    "triangles",  "vertices",     "checksums"};
+    "map",    "ecol",    "triangles",  "vertices",     "errors",         "checksums"};
 
 constexpr std::uint64_t element_bytes(std::uint32_t section, bool wide) {
-  constexpr std::array<std::uint8_t, section_count> narrow = {32, 52, 24, 24, 60, 4, 28, 4, 4, 2, 6, 12, 8};
+  constexpr std::array<std::uint8_t, section_count> narrow = {32, 52, 24, 24, 60, 4, 28, 4, 4, 2, 6, 12, 4, 8};
   return narrow[section] * (wide && (section == ecol || section == triangles) ? 2u : 1u);
 }
 
@@ -66,6 +67,7 @@ struct SectionEntry {
   std::uint32_t element_bytes;
   std::uint64_t first_byte;
   std::uint64_t count;  ///< elements
+  bool operator==(const SectionEntry&) const = default;
 };
 static_assert(sizeof(SectionEntry) == 24);
 

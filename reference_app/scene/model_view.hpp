@@ -24,6 +24,7 @@ struct ModelView {
         triangles(model.triangles),
         ecol(model.ecol),
         map(model.map),
+        errors(model.errors),
         mesh_boxes(model.mesh_boxes),
         object_boxes(model.object_boxes),
         oriented_boxes(model.oriented_boxes),
@@ -37,6 +38,7 @@ struct ModelView {
   std::span<const pgl::Triangle<Index>> triangles;
   std::span<const Index> ecol;
   std::span<const std::uint32_t> map;
+  std::span<const float> errors;
   std::span<const pgl::Box> mesh_boxes;
   std::span<const pgl::Box> object_boxes;
   std::span<const pgl::OrientedBox> oriented_boxes;
