@@ -11,7 +11,6 @@
 #include <cstring>
 #include <optional>
 #include <span>
-#include <stdexcept>
 #include <string>
 #include <tuple>
 #include <type_traits>
@@ -32,16 +31,10 @@
 #include "pgl/cuda/reform.cuh"
 #include "pgl/cuda/select_occluders.cuh"
 #include "viewer/buffers.hpp"
+#include "viewer/cuda_error.cuh"
 #include "viewer/frame.hpp"
 
 namespace pgl::viewer {
-
-/// Throws std::runtime_error for any error but cudaSuccess.
-inline void must(cudaError_t error, const char* doing) {
-  if (error == cudaSuccess) return;
-  const std::string hint = error == cudaErrorMemoryAllocation ? ": the GPU's memory is full" : "";
-  throw std::runtime_error(std::string("CUDA: ") + cudaGetErrorString(error) + " while " + doing + hint);
-}
 
 /// An array on the device that only grows, and has any contents after that.
 template <class T>

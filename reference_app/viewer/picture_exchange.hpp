@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 #include <memory>
 #include <span>
 #include <string>
@@ -47,12 +48,16 @@ class PictureExchange {
   const std::string& note() const { return note_; }
 
  private:
-  void open(int width, int height);
+  void open();
+  void exchange_by_cuda(std::span<const Tile> tiles);
+  void exchange_messages(std::span<const Tile> tiles);
 
   Ranks& ranks_;
   Renderer& renderer_;
   std::unique_ptr<CudaPicture> cuda_;
-  std::vector<std::byte> bytes_;  ///< of one tile
+  std::uint64_t pixels_;           ///< of the picture
+  std::vector<std::byte> bytes_;   ///< of one tile
+  std::vector<PlacedTile> tiles_;  ///< of the others
   std::string note_;
   int exceptions_;  ///< under way when this was made
 };
