@@ -169,6 +169,7 @@ class Preprocess : public testing::Test {
           EXPECT_TRUE(same(view.triangles, want.triangles));
           EXPECT_TRUE(same(view.ecol, want.ecol));
           EXPECT_TRUE(same(view.map, want.map));
+          EXPECT_TRUE(same(view.errors, want.errors));
           EXPECT_TRUE(same(view.mesh_boxes, want.mesh_boxes));
           EXPECT_TRUE(same(view.object_boxes, want.object_boxes));
           EXPECT_TRUE(same(view.oriented_boxes, want.oriented_boxes));
@@ -193,6 +194,8 @@ TEST_F(Preprocess, ThePlantIsTheOneThatTheViewerBuilds) {
   ecol.metric = pgl::CostMetric::melax;
   ecol.boundary = pgl::BoundaryRule::slide;
   expect_model("loose.pgl", build_plant({.objects = 40}, 0, 40, false, ecol));
+  make({"-o", "loose.pgl", "--objects", "40", "--no-weld", "--metric", "melax", "--boundary", "slide", "--errors"});
+  expect_model("loose.pgl", build_plant({.objects = 40}, 0, 40, false, ecol, {}, nullptr, true));
   EXPECT_EQ(files(), (std::vector<std::string>{"loose.pgl", "plant.pgl"}));
 }
 
@@ -201,6 +204,7 @@ TEST_F(Preprocess, FilesFollowEachOtherInOrder) {
   for (const bool split : {false, true}) {
     Scene all;
     std::vector<std::string> arguments{"-o", "all.pgl"};
+    if (split) arguments.push_back("--errors");
     if (split) arguments.push_back("--split");
     ImportOptions options;
     options.split = split;
@@ -212,14 +216,14 @@ TEST_F(Preprocess, FilesFollowEachOtherInOrder) {
       arguments.push_back(fixture(name).string());
     }
     make(arguments);
-    expect_model("all.pgl", build_any_model(std::move(all), {}));
+    expect_model("all.pgl", build_any_model(std::move(all), {}, {}, nullptr, split));
   }
 }
 
 /// The file depends neither on threads, nor on batches, nor on how the models were named.
 TEST_F(Preprocess, TheSameModelsGiveTheSameBytes) {
-  make({"-o", "one.pgl", "--objects", "300", "--threads", "1"});
-  make({"-o", "four.pgl", "--objects", "300", "--threads", "4"});
+  make({"-o", "one.pgl", "--objects", "300", "--threads", "1", "--errors"});
+  make({"-o", "four.pgl", "--objects", "300", "--threads", "4", "--batch", "5000", "--errors"});
   EXPECT_EQ(bytes("one.pgl"), bytes("four.pgl"));
 
   fs::create_directories(folder_.path() / "models" / "deeper");
@@ -320,6 +324,11 @@ TEST_F(Preprocess, SaysWhatIsInAFileAndWhetherItIsWhole) {
                                                       : file.bytes();
     EXPECT_EQ(digits, std::to_string(value)) << line;
   }
+  const std::string errors = "\nerrors" + std::string(25, ' ');
+  EXPECT_NE(info.out.find(errors + "none\n"), std::string::npos) << info.out;
+  const std::string recorded = errors.substr(0, errors.size() - 4) + "recorded\n";
+  EXPECT_NE(run({"-o", "errors.pgl", "--objects", "3", "--errors"}).out.find(recorded), std::string::npos);
+  EXPECT_NE(run({"--info", "errors.pgl"}).out.find(recorded), std::string::npos);
   const Outcome verified = run({"--verify", "plant.pgl"});
   EXPECT_EQ(verified.code, 0) << verified.err;
   EXPECT_NE(verified.out.find("plant.pgl"), std::string::npos);
@@ -357,7 +366,7 @@ TEST_F(Preprocess, TheFileSaysWhichAxisPointsUp) {
 }
 
 TEST_F(Preprocess, DamageIsFoundByVerify) {
-  make({"-o", "plant.pgl", "--objects", "50"});
+  make({"-o", "plant.pgl", "--objects", "50", "--errors"});
   const std::string whole = bytes("plant.pgl");
   std::vector<std::size_t> places{0, 9, whole.size() - 1};
   for (std::size_t k = 1; k < 24; ++k) places.push_back(whole.size() * k / 24);
@@ -403,6 +412,7 @@ TEST_F(Preprocess, ImpossibleOptionsAreToldInOneLine) {
   refused({"--info", "a.pgl", "-o", "b.pgl"}, "--output");
   refused({"--info", "a.pgl", "--warehouse"}, "--warehouse");
   refused({"--verify", "a.pgl", "--seed", "2"}, "--seed");
+  refused({"--info", "a.pgl", "--errors"}, "--errors");
   refused({"--info", "a.pgl", "--up", "z"}, "--up");
 }
 

@@ -8,6 +8,7 @@
 
 #include <array>
 #include <cstring>
+#include <limits>
 #include <optional>
 #include <random>
 #include <vector>
@@ -124,6 +125,19 @@ void expect_sound(const ModelView<Index>& model, const std::vector<std::uint32_t
   }
 }
 
+/// That the errors of every mesh are what select_by_error may be given.
+template <class Index>
+void expect_sound_errors(const ModelView<Index>& model) {
+  RC_ASSERT(model.errors.size() == model.map.size());
+  for (const pgl::Mesh& mesh : model.meshes) {
+    float last = std::numeric_limits<float>::infinity();
+    for (const float error : model.errors.subspan(mesh.first_map, mesh.max_vertices - mesh.min_vertices + 1)) {
+      RC_ASSERT(error >= 0.0f && error <= last);
+      last = error;
+    }
+  }
+}
+
 /// Draws from copies of exactly the size of the arrays, so that a sanitizer sees any read beyond them.
 template <class Index>
 void draw(const ModelView<Index>& model, const std::vector<std::uint32_t>& counts) {
@@ -182,7 +196,8 @@ void damage_never_shows() {
   const RandomModelOptions options{.meshes = 1 + random() % 40,
                                    .objects = random() % 60,
                                    .vertices = random() % 4 == 0 ? 20'000u : 200u,
-                                   .triangles = random() % 4 == 0 ? 20'000u : 300u};
+                                   .triangles = random() % 4 == 0 ? 20'000u : 300u,
+                                   .errors = random() % 4 != 0};
   const Model<Index> model = random_model<Index>(random, options);
   ModelBytes bytes(file_of(folder, model));
   // A few bits, a run of rubbish, a page in the place of another, or a bit whose page has got the right checksum, which
@@ -222,6 +237,7 @@ void damage_never_shows() {
   }
   if (!refuses([&] { file.require_map(); })) RC_ASSERT(!used || same(view.map, expected.map));
   if (!refuses([&] { file.require_ecol(); })) RC_ASSERT(!used || same(view.ecol, expected.ecol));
+  if (!refuses([&] { file.require_errors(); })) RC_ASSERT(!used || same(view.errors, expected.errors));
   RC_ASSERT(refuses([&] { file.verify(); }) == changed);
   RC_CLASSIFY(!used, "met in use");
   RC_CLASSIFY(used, "never met, or met by verify");
@@ -285,6 +301,8 @@ void tamper_with_counts(ModelBytes& bytes, std::mt19937& random) {
       {ModelBytes::meshes, ModelBytes::mesh_boxes, ModelBytes::oriented_boxes, ModelBytes::compactness},
       {ModelBytes::objects, ModelBytes::object_boxes, ModelBytes::faces, ModelBytes::compactness_order},
       {ModelBytes::map},
+      {ModelBytes::errors},
+      {ModelBytes::map, ModelBytes::errors},
       {ModelBytes::ecol, ModelBytes::vertices},
       {ModelBytes::triangles}};
   const auto& group = groups[random() % groups.size()];
@@ -314,6 +332,8 @@ Outcome use_forgery(const TemporaryFolder& folder, ModelBytes bytes, std::mt1993
                                              ModelBytes::ecol,
                                              ModelBytes::triangles,
                                              ModelBytes::vertices,
+                                             ModelBytes::errors,
+                                             ModelBytes::errors,
                                              ModelBytes::object_boxes};
   const std::size_t changes = random() % 4;
   for (std::size_t k = 0; k < changes; ++k) {
@@ -346,6 +366,13 @@ Outcome use_forgery(const TemporaryFolder& folder, ModelBytes bytes, std::mt1993
   }
   refused = refuses([&] { file->require_map(); }) || refused;
   refused = refuses([&] { file->require_ecol(); }) || refused;
+  if (file->has_errors()) {
+    if (refuses([&] { file->require_errors(); })) {
+      refused = true;
+    } else {
+      expect_sound_errors(view);
+    }
+  }
   const bool whole = !refuses([&] { file->verify(); });
   RC_ASSERT(!(refused && whole));  // verify knows all that the others know
   RC_ASSERT(changes > 0u || whole);
@@ -357,8 +384,11 @@ void forgery_stays_inside() {
   const auto seed = *rc::gen::arbitrary<std::uint32_t>();
   std::mt19937 random(seed);
   const TemporaryFolder folder;
-  const Model<Index> model = random_model<Index>(
-      random, {.meshes = 1 + random() % 30, .objects = random() % 40, .vertices = 80, .triangles = 150});
+  const Model<Index> model = random_model<Index>(random, {.meshes = 1 + random() % 30,
+                                                          .objects = random() % 40,
+                                                          .vertices = 80,
+                                                          .triangles = 150,
+                                                          .errors = random() % 4 != 0});
   const ModelBytes bytes(file_of(folder, model));
   std::array<int, 3> outcomes{};
   for (int k = 0; k < 8; ++k) ++outcomes[static_cast<std::size_t>(use_forgery<Index>(folder, bytes, random))];

@@ -6,6 +6,8 @@
 #include <algorithm>
 #include <cstdint>
 #include <cstring>
+#include <functional>
+#include <limits>
 #include <random>
 #include <span>
 #include <string>
@@ -41,6 +43,7 @@ struct RandomModelOptions {
   std::size_t objects = 8;
   std::uint32_t vertices = 60;   ///< of a mesh, at most
   std::uint32_t triangles = 90;  ///< of a mesh, at most
+  bool errors = true;
 };
 
 /// A model that is as Model says, of no shape at all: much faster than to build one. Some meshes are empty.
@@ -68,6 +71,14 @@ pgl::scene::Model<Index> random_model(std::mt19937& random, const RandomModelOpt
     map.back() = triangles;
     std::sort(map.begin(), map.end());
     model.map.insert(model.map.end(), map.begin(), map.end());
+    if (options.errors) {
+      std::vector<float> errors(map.size());  // many are 0, and the last; the first may be infinite
+      for (float& error : errors) error = std::max(real(2), 0.0f);
+      if (below(8) == 0) errors.front() = std::numeric_limits<float>::infinity();
+      errors.back() = 0;
+      std::sort(errors.begin(), errors.end(), std::greater());
+      model.errors.insert(model.errors.end(), errors.begin(), errors.end());
+    }
     pgl::Box bounds;
     for (std::uint32_t v = 0; v < mesh.max_vertices; ++v)
       bounds = pgl::extend(bounds, model.vertices[mesh.first_vertex + v]);
@@ -112,7 +123,7 @@ std::vector<std::uint32_t> random_counts(const pgl::scene::ModelView<Index>& mod
 /// A .pgl file's bytes, to look at and to tamper with.
 class ModelBytes {
  public:
-  static constexpr std::size_t page = 4096, sections = 13;
+  static constexpr std::size_t page = 4096, sections = 14;
   enum Section : std::size_t {
     meshes,
     objects,
@@ -126,6 +137,7 @@ class ModelBytes {
     ecol,
     triangles,
     vertices,
+    errors,
     checksums
   };
 

@@ -12,6 +12,7 @@
 #include <map>
 #include <random>
 #include <set>
+#include <span>
 #include <stdexcept>
 
 #include "pgl/host/build_ecol.hpp"
@@ -77,6 +78,7 @@ void expect_equal(const Model<Index>& a, const Model<Index>& b) {
   EXPECT_EQ(a.triangles, b.triangles);
   EXPECT_EQ(a.ecol, b.ecol);
   EXPECT_EQ(a.map, b.map);
+  EXPECT_EQ(a.errors, b.errors);
   EXPECT_EQ(a.mesh_boxes, b.mesh_boxes);
   EXPECT_EQ(a.object_boxes, b.object_boxes);
   EXPECT_EQ(a.oriented_boxes, b.oriented_boxes);
@@ -204,8 +206,76 @@ TEST(BuildModel, ArrangesEveryMeshInItsPlaceUnderBothWidths) {
 
 TEST(BuildModel, GivesASceneWhatItGivesASource) {
   const Scene scene = varied_scene();
-  const AnyModel any = build_any_model(scene, {});
-  expect_equal(std::get<Model<Index16>>(any), build_model<Index16>(source_of(scene.meshes), scene.objects, {}));
+  for (const bool errors : {false, true}) {
+    const AnyModel any = build_any_model(scene, {}, {}, nullptr, errors);
+    expect_equal(std::get<Model<Index16>>(any),
+                 build_model<Index16>(source_of(scene.meshes), scene.objects, {}, {}, nullptr, errors));
+  }
+}
+
+/// The errors of meshes one by one, each as build_ecol gives them for itself.
+std::vector<float> errors_of(const std::vector<MeshData>& meshes, const pgl::EcolOptions& options) {
+  std::vector<float> all;
+  for (const MeshData& mesh : meshes) {
+    const std::size_t n = mesh.positions.size();
+    pgl::host::EcolWorkspace<float> workspace;
+    std::vector<std::uint32_t> ecol(n), permute_v(n), permute_t(mesh.triangles.size()), map(n + 1);
+    std::vector<float> error(n + 1, -1.0f);
+    const std::uint32_t least = pgl::host::build_ecol<float, std::uint32_t>(
+        mesh.positions, mesh.triangles, {}, options, workspace, ecol, permute_v, permute_t, map, error);
+    all.insert(all.end(), error.begin() + least, error.end());
+  }
+  return all;
+}
+
+TEST(BuildModel, RecordsTheErrorsOfEveryMeshBesideItsMapWhereAsked) {
+  const Scene scene = varied_scene();
+  for (const auto order : {pgl::EcolOrder::greedy, pgl::EcolOrder::rounds})
+    for (const auto boundary : {pgl::BoundaryRule::locked, pgl::BoundaryRule::slide}) {
+      pgl::EcolOptions options;
+      options.order = order;
+      options.boundary = boundary;
+      auto narrow = build_model<Index16>(source_of(scene.meshes), scene.objects, options, {}, nullptr, true);
+      const auto wide = build_model<Index32>(source_of(scene.meshes), scene.objects, options, {}, nullptr, true);
+      ASSERT_EQ(narrow.errors.size(), narrow.map.size());
+      EXPECT_EQ(narrow.errors, errors_of(scene.meshes, options));
+      EXPECT_EQ(wide.errors, narrow.errors);
+      EXPECT_EQ(narrow.errors[narrow.meshes[1].first_map], 0.0f);  // of the mesh without vertices, its only entry
+      EXPECT_GT(narrow.errors[narrow.meshes[4].first_map], 0.0f);
+      // Asking for them changes nothing else.
+      const auto without = build_model<Index16>(source_of(scene.meshes), scene.objects, options);
+      EXPECT_TRUE(without.errors.empty());
+      narrow.errors.clear();
+      expect_equal(narrow, without);
+    }
+}
+
+TEST(BuildModel, RecordsErrorsThatNeverRiseWithTheCountWhateverThePositions) {
+  const float nan = std::numeric_limits<float>::quiet_NaN(), inf = std::numeric_limits<float>::infinity();
+  const float most = std::numeric_limits<float>::max();
+  std::vector<MeshData> meshes;
+  for (const float scale : {1e-45f, 1e-38f, 1e-20f, 1e18f, 1e30f, most / 16}) {
+    meshes.push_back(grid(9));
+    for (glm::vec3& p : meshes.back().positions) p *= scale;
+  }
+  meshes.push_back(grid(9));
+  for (std::size_t v = 0; v < 81; v += 5) meshes.back().positions[v] = {nan, v % 2 ? inf : -inf, most};
+  meshes.push_back(grid(9));
+  for (std::size_t v = 0; v < 81; ++v) meshes.back().positions[v] *= v % 3 ? most : -most;
+  for (const auto order : {pgl::EcolOrder::greedy, pgl::EcolOrder::rounds})
+    for (const auto metric : {pgl::CostMetric::quadric, pgl::CostMetric::melax, pgl::CostMetric::edge_length}) {
+      pgl::EcolOptions options;
+      options.order = order;
+      options.metric = metric;
+      options.boundary = pgl::BoundaryRule::slide;
+      const auto model = build_model<Index16>(source_of(meshes), {}, options, {}, nullptr, true);
+      for (const pgl::Mesh& mesh : model.meshes) {
+        const auto errors = std::span(model.errors).subspan(mesh.first_map, mesh.max_vertices - mesh.min_vertices + 1);
+        EXPECT_GT(errors.size(), 1u);
+        EXPECT_EQ(errors.back(), 0.0f);
+        for (std::size_t k = 1; k < errors.size(); ++k) ASSERT_GE(errors[k - 1], errors[k]);
+      }
+    }
 }
 
 TEST(BuildModel, PassesTheOptionsOn) {
@@ -264,13 +334,14 @@ TEST(BuildModel, DoesNotDependOnTheNumberOfThreads) {
   for (const int n : {1, 2, 7}) {
     omp_set_num_threads(n);
     BuildReport report;
-    models.push_back(build_model<Index16>(source_of(meshes), {{3, glm::mat4x3(1.0f)}}, {}, {}, &report));
+    models.push_back(build_model<Index16>(source_of(meshes), {{3, glm::mat4x3(1.0f)}}, {}, {}, &report, true));
     open.push_back(report.open_vertices);
   }
   omp_set_num_threads(threads);
   expect_model_of(models[0], meshes);
   expect_equal(models[0], models[1]);
   expect_equal(models[0], models[2]);
+  EXPECT_EQ(models[0].errors.size(), models[0].map.size());
   EXPECT_EQ(open, std::vector<std::uint64_t>(3, open[0]));
 }
 #endif

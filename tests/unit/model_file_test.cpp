@@ -58,6 +58,7 @@ void expect_equal(const ModelView<Index>& a, const ModelView<Index>& b) {
   expect_bytes(a.triangles, b.triangles, "triangles");
   expect_bytes(a.ecol, b.ecol, "ecol");
   expect_bytes(a.map, b.map, "map");
+  expect_bytes(a.errors, b.errors, "errors");
   expect_bytes(a.mesh_boxes, b.mesh_boxes, "mesh_boxes");
   expect_bytes(a.object_boxes, b.object_boxes, "object_boxes");
   expect_bytes(a.oriented_boxes, b.oriented_boxes, "oriented_boxes");
@@ -82,16 +83,18 @@ void expect_file_holds(const fs::path& path, const Model<Index>& model) {
   EXPECT_EQ(file.objects(), model.objects.size());
   EXPECT_EQ(file.vertices(), model.vertices.size());
   EXPECT_EQ(file.triangles(), model.triangles.size());
+  EXPECT_EQ(file.has_errors(), model.errors.size() == model.map.size());
   const ModelView<Index> view = file.view<Index>();
   file.require(full_counts(view));
   file.require_map();
   file.require_ecol();
+  if (file.has_errors()) file.require_errors();
   file.verify();
   expect_equal(view, ModelView<Index>(model));
 }
 
 template <class Index>
-Model<Index> plant(std::size_t objects) {
+Model<Index> plant(std::size_t objects, bool errors = true) {
   const pgl::scene::PlantOptions options{.objects = objects};
   MeshSource source;
   source.count = objects;
@@ -102,7 +105,7 @@ Model<Index> plant(std::size_t objects) {
   source.make = [=](std::size_t i, MeshData& mesh) { pgl::scene::plant_object(options, i, mesh); };
   std::vector<pgl::Object> placed(objects);
   for (std::size_t i = 0; i < objects; ++i) placed[i].mesh = static_cast<std::uint32_t>(i);
-  return build_model<Index>(source, placed, {});
+  return build_model<Index>(source, placed, {}, {}, nullptr, errors);
 }
 
 /// What Error says when body is called; empty if nothing is thrown.
@@ -132,9 +135,11 @@ TYPED_TEST_SUITE(BothWidths, Widths);
 
 TYPED_TEST(BothWidths, APlantComesBackAsItWasBuilt) {
   const TemporaryFolder folder;
-  const auto model = plant<TypeParam>(300);
-  write_model(folder.path() / "plant.pgl", model);
-  expect_file_holds(folder.path() / "plant.pgl", model);
+  for (const bool errors : {false, true}) {
+    const auto model = plant<TypeParam>(300, errors);
+    write_model(folder.path() / "plant.pgl", model);
+    expect_file_holds(folder.path() / "plant.pgl", model);
+  }
 }
 
 TYPED_TEST(BothWidths, AnEmptyModelIsAFileOfOnePage) {
@@ -149,11 +154,12 @@ TYPED_TEST(BothWidths, AnyModelComesBack) {
   const TemporaryFolder folder;
   std::mt19937 random(5);
   for (const std::size_t meshes : {1u, 2u, 30u, 3000u})
-    for (const std::size_t objects : {0u, 1u, 40u, 5000u}) {
-      const auto model = random_model<TypeParam>(random, {.meshes = meshes, .objects = objects});
-      write_model(folder.path() / "m.pgl", model);
-      expect_file_holds(folder.path() / "m.pgl", model);
-    }
+    for (const std::size_t objects : {0u, 1u, 40u, 5000u})
+      for (const bool errors : {false, true}) {
+        const auto model = random_model<TypeParam>(random, {.meshes = meshes, .objects = objects, .errors = errors});
+        write_model(folder.path() / "m.pgl", model);
+        expect_file_holds(folder.path() / "m.pgl", model);
+      }
 }
 
 TEST(ModelFile, IsCheckedThroughThreeLevelsOfChecksums) {
@@ -181,12 +187,12 @@ TEST(ModelFile, ItsBytesAreAsTheFormatSays) {
   write_model(folder.path() / "m.pgl", model);
   ModelBytes file(support::read_bytes(folder.path() / "m.pgl"));
   EXPECT_EQ(file.bytes.substr(0, 8), "\x93PGL\r\n\x1a\n");
-  EXPECT_EQ(file.get<std::uint32_t>(8), 1u);
+  EXPECT_EQ(file.get<std::uint32_t>(8), 2u);
   EXPECT_EQ(file.bytes.substr(12, 4), "\x04\x03\x02\x01");
   EXPECT_EQ(file.get<std::uint32_t>(16), 4096u);
   EXPECT_EQ(file.get<std::uint32_t>(20), 32u);
   EXPECT_EQ(file.get<std::uint64_t>(24), file.bytes.size());
-  EXPECT_EQ(file.get<std::uint32_t>(40), 13u);
+  EXPECT_EQ(file.get<std::uint32_t>(40), 14u);
   EXPECT_EQ(file.get<std::uint32_t>(44), 0u);
   for (std::size_t s = 0; s < ModelBytes::sections; ++s) {
     EXPECT_EQ(file.get<std::uint32_t>(ModelBytes::entry(s)), s);
@@ -195,10 +201,49 @@ TEST(ModelFile, ItsBytesAreAsTheFormatSays) {
   }
   EXPECT_EQ(std::memcmp(file.bytes.data() + file.first_byte(ModelBytes::map), model.map.data(), model.map.size() * 4),
             0);
+  ASSERT_EQ(file.count(ModelBytes::errors), model.errors.size());
+  EXPECT_EQ(std::memcmp(file.bytes.data() + file.first_byte(ModelBytes::errors), model.errors.data(),
+                        model.errors.size() * 4),
+            0);
   // An independent seal changes nothing.
   ModelBytes sealed = file;
   sealed.seal();
   EXPECT_EQ(sealed.bytes, file.bytes);
+}
+
+/// As files of version 1 were written: without a section of errors, whose entry would have been the last but one.
+ModelBytes as_version_1(ModelBytes bytes) {
+  EXPECT_EQ(bytes.count(ModelBytes::errors), 0u);
+  bytes.put(8, std::uint32_t{1});
+  bytes.put(40, std::uint32_t{13});
+  const std::size_t last = ModelBytes::entry(ModelBytes::errors), after = ModelBytes::entry(ModelBytes::checksums);
+  std::memcpy(bytes.bytes.data() + last, bytes.bytes.data() + after, 24);
+  bytes.put(last, std::uint32_t{12});
+  std::memset(bytes.bytes.data() + after, 0, 24);
+  bytes.seal_header();
+  return bytes;
+}
+
+TYPED_TEST(BothWidths, AFileOfVersion1IsReadAsOneWithoutErrors) {
+  const TemporaryFolder folder;
+  std::mt19937 random(15);
+  for (const std::size_t meshes : {0u, 1u, 50u}) {
+    const auto model = random_model<TypeParam>(random, {.meshes = meshes, .errors = false});
+    write_model(folder.path() / "m.pgl", model);
+    const ModelBytes old = as_version_1(ModelBytes(support::read_bytes(folder.path() / "m.pgl")));
+    expect_file_holds(folder.write("old.pgl", old.bytes), model);
+
+    // Its own header is checked, not one that was made of it.
+    for (const std::size_t at :
+         {std::size_t{40}, ModelBytes::entry(ModelBytes::errors), ModelBytes::entry(ModelBytes::errors) + 4,
+          ModelBytes::entry(ModelBytes::errors) + 8, ModelBytes::entry(ModelBytes::errors) + 16,
+          ModelBytes::entry(ModelBytes::checksums), ModelBytes::entry(ModelBytes::checksums) + 23}) {
+      ModelBytes bytes = old;
+      bytes.bytes[at] ^= 1;
+      bytes.seal_header();
+      EXPECT_NE(opening_error(folder.write("t.pgl", bytes.bytes)).find("is damaged: "), std::string::npos) << at;
+    }
+  }
 }
 
 TEST(ModelFile, SaysWhichAxisPointsUpIfThatWasTold) {
@@ -254,6 +299,7 @@ Model<Index> joined(const std::vector<std::variant<Model<Index16>, Model<Index32
           for (const From v : model.ecol)
             all.ecol.push_back(v == pgl::no_target<From> ? pgl::no_target<Index> : static_cast<Index>(v));
           all.map.insert(all.map.end(), model.map.begin(), model.map.end());
+          all.errors.insert(all.errors.end(), model.errors.begin(), model.errors.end());
           all.mesh_boxes.insert(all.mesh_boxes.end(), model.mesh_boxes.begin(), model.mesh_boxes.end());
           all.oriented_boxes.insert(all.oriented_boxes.end(), model.oriented_boxes.begin(), model.oriented_boxes.end());
           all.compactness.insert(all.compactness.end(), model.compactness.begin(), model.compactness.end());
@@ -286,6 +332,19 @@ TEST(ModelFileWriter, JoinsPartsOfEitherWidthInEitherOrder) {
       expect_file_holds(folder.path() / "m.pgl", joined<Index32>(parts));
     }
   }
+}
+
+TEST(ModelFileWriter, RefusesErrorsOfSomePartsOnly) {
+  const TemporaryFolder folder;
+  std::mt19937 random(16);
+  for (const bool first : {false, true}) {
+    ModelFileWriter writer(folder.path() / "m.pgl");
+    writer.append(random_model<Index16>(random, {.errors = first}));
+    writer.append(random_model<Index32>(random, {.errors = !first}));
+    EXPECT_EQ(error_of([&] { writer.finish(); }),
+              (folder.path() / "m.pgl").string() + ": cannot be written: some parts have errors, others none");
+  }
+  EXPECT_EQ(entries_in(folder.path()), 0u);
 }
 
 TEST(ModelFileWriter, LetsObjectsBePlacedBeforeTheirTablesAreMade) {
@@ -500,6 +559,12 @@ TEST(ModelFile, OpeningChecksNoPageAndEachIsCheckedOnceWhenItIsUsed) {
   EXPECT_LE(file.bytes_verified(), bytes.bytes.size());
   file.require_map();
   file.require_ecol();
+  const std::uint64_t drawn = file.bytes_verified();
+  file.require_errors();
+  const std::uint64_t with_errors = file.bytes_verified();
+  EXPECT_GE(with_errors - drawn, 4 * view.errors.size());
+  file.require_errors();
+  EXPECT_EQ(file.bytes_verified(), with_errors);
   file.verify();
   EXPECT_EQ(file.bytes_verified(), bytes.bytes.size() - 4096);
 }
@@ -569,6 +634,29 @@ TEST(ModelFile, MapsMayBeCheckedBeforeTheRest) {
   file.require({{model.meshes[0].max_vertices, 0, 0}});
 }
 
+TEST(ModelFile, ErrorsAreCheckedWhereTheyAreAskedForAndNowhereElse) {
+  const TemporaryFolder folder;
+  std::mt19937 random(26);
+  const auto model = random_model<Index16>(random, {.meshes = 40, .objects = 40, .vertices = 2000});
+  write_model(folder.path() / "m.pgl", model);
+  ModelBytes bytes(support::read_bytes(folder.path() / "m.pgl"));
+  bytes.bytes[(bytes.first_byte(ModelBytes::errors) + bytes.end_byte(ModelBytes::errors)) / 2] ^= 1;
+  ModelFile file(folder.write("d.pgl", bytes.bytes));
+  file.require(full_counts(file.view<Index16>()));
+  file.require_map();
+  file.require_ecol();
+  for (int k = 0; k < 2; ++k) {
+    const std::string error = error_of([&] { file.require_errors(); });
+    EXPECT_NE(error.find("d.pgl: is damaged: section 'errors': "), std::string::npos) << error;
+  }
+
+  write_model(folder.path() / "n.pgl", random_model<Index16>(random, {.errors = false}));
+  ModelFile none(folder.path() / "n.pgl");
+  EXPECT_TRUE(none.view<Index16>().errors.empty());
+  EXPECT_EQ(error_of([&] { none.require_errors(); }),
+            (folder.path() / "n.pgl").string() + ": has no recorded errors; pgl_preprocess --errors records them");
+}
+
 /// How many pages of the range the system has in memory.
 template <class Element>
 std::size_t pages_in_memory(std::span<const Element> range) {
@@ -596,8 +684,11 @@ TEST(ModelFile, PrefetchFetchesAgainWhatTheSystemHasDropped) {
   file.prefetch(counts);
   file.prefetch(nothing);
   const std::size_t pages = pages_in_memory(vertices);
-  // Out of this process' memory, and then out of the system's.
-  ASSERT_EQ(madvise(const_cast<glm::vec3*>(view.vertices.data()), view.vertices.size_bytes(), MADV_DONTNEED), 0);
+  // Out of this process' memory, and then out of the system's: the whole file, of which it keeps pages together.
+  const ModelBytes bytes(support::read_bytes(path));
+  auto* const mapping =
+      const_cast<char*>(reinterpret_cast<const char*>(view.vertices.data())) - bytes.first_byte(ModelBytes::vertices);
+  ASSERT_EQ(madvise(mapping, bytes.bytes.size(), MADV_DONTNEED), 0);
   const int descriptor = open(path.c_str(), O_RDONLY | O_CLOEXEC);
   posix_fadvise(descriptor, 0, 0, POSIX_FADV_DONTNEED);
   close(descriptor);
@@ -693,10 +784,19 @@ TEST(ModelFile, SaysWhatIsNoModelFile) {
   write_model(folder.path() / "m.pgl", random_model<Index16>(random, {}));
   const ModelBytes good(support::read_bytes(folder.path() / "m.pgl"));
   ModelBytes bytes = good;
-  bytes.put<std::uint32_t>(8, 2);
-  EXPECT_EQ(error("version", bytes.bytes), "has version 2 of the format, this program reads version 1");
+  for (const std::uint32_t version : {0u, 3u, 0xffffffffu}) {
+    bytes = good;
+    bytes.put(8, version);
+    const std::string expected =
+        "has version " + std::to_string(version) + " of the format, this program reads versions 1 and 2";
+    EXPECT_EQ(error("version", bytes.bytes), expected);
+    bytes.seal_header();
+    EXPECT_EQ(error("version", bytes.bytes), expected);
+  }
+  bytes = good;
+  bytes.put<std::uint32_t>(8, 1);
   bytes.seal_header();
-  EXPECT_EQ(error("version", bytes.bytes), "has version 2 of the format, this program reads version 1");
+  EXPECT_EQ(error("version", bytes.bytes), "is damaged: the header does not make sense");
   bytes = good;
   bytes.put<std::uint32_t>(12, 0x04030201);
   EXPECT_EQ(error("order", bytes.bytes), "is of a machine with the other order of bytes");
@@ -740,7 +840,7 @@ TEST(ModelFile, RefusesHeadersThatMakeNoSenseThoughTheirChecksumIsRight) {
                                       good.count(s) - 1, good.count(s) + 4096, std::uint64_t{0}})
       EXPECT_NE(error([&](ModelBytes& b) { b.put(ModelBytes::entry(s) + 16, count); }), "") << s << " " << count;
     for (const std::uint64_t first : {huge, huge - 4095, std::uint64_t{0}, good.first_byte(s) + 4096,
-                                      good.first_byte(s) - 4096, good.first_byte(s) + 1, good.first_byte((s + 5) % 13)})
+                                      good.first_byte(s) - 4096, good.first_byte(s) + 1, good.first_byte((s + 5) % 14)})
       EXPECT_NE(error([&](ModelBytes& b) { b.put(ModelBytes::entry(s) + 8, first); }), "") << s << " " << first;
     for (const std::uint32_t size : {0u, 1u, 3u, 0xffffffffu})
       EXPECT_NE(error([&](ModelBytes& b) { b.put(ModelBytes::entry(s) + 4, size); }), "") << s << " " << size;
@@ -750,7 +850,8 @@ TEST(ModelFile, RefusesHeadersThatMakeNoSenseThoughTheirChecksumIsRight) {
   EXPECT_NE(error([](ModelBytes& b) { b.put<std::uint32_t>(20, 32); }), "");
   EXPECT_NE(error([](ModelBytes& b) { b.put<std::uint32_t>(20, 8); }), "");
   EXPECT_NE(error([](ModelBytes& b) { b.put<std::uint64_t>(24, huge); }), "");
-  EXPECT_NE(error([](ModelBytes& b) { b.put<std::uint32_t>(40, 12); }), "");
+  for (const std::uint32_t sections : {0u, 13u, 15u})
+    EXPECT_NE(error([=](ModelBytes& b) { b.put<std::uint32_t>(40, sections); }), "") << sections;
   for (const std::uint32_t up : {4u, 5u, 0x100u, 0x01000000u, 0xffffffffu})
     EXPECT_NE(error([=](ModelBytes& b) { b.put<std::uint32_t>(44, up); }), "") << up;
   EXPECT_NE(error([](ModelBytes& b) { b.put<std::uint32_t>(12, 1); }), "");
@@ -767,6 +868,8 @@ TEST(ModelFile, RefusesContentsThatBreakARuleByOneThoughChecksumsAreRight) {
   model.triangles = {{{0, 1, 1}}, {{2, 1, 0}}, {{4, 3, 2}}};
   model.ecol = {none, none, 0, 1, 3, none};
   model.map = {1, 1, 2, 3, 0, 0};
+  constexpr float infinity = std::numeric_limits<float>::infinity(), nan = std::numeric_limits<float>::quiet_NaN();
+  model.errors = {infinity, 2, 2, -0.0f, 0, 0.5f};  // also a whole mesh may have an error
   model.mesh_boxes.resize(3);
   model.oriented_boxes.resize(3);
   for (auto& box : model.oriented_boxes) box.half = {3, 2, 1};
@@ -802,6 +905,7 @@ TEST(ModelFile, RefusesContentsThatBreakARuleByOneThoughChecksumsAreRight) {
       ModelFile file(path);
       file.require_map();
       file.require_ecol();
+      file.require_errors();
     });
     EXPECT_EQ(sections, section == ModelBytes::triangles ? "" : verified) << what;
   };
@@ -828,6 +932,15 @@ TEST(ModelFile, RefusesContentsThatBreakARuleByOneThoughChecksumsAreRight) {
       ModelBytes::map, "a triangle of no vertex", [&](ModelBytes& b, std::size_t first) { b.put(first + 16, u32{1}); },
       false);
   forge(ModelBytes::map, 20, u32{1});  // not there
+  const std::pair<std::size_t, float> wrong_errors[] = {
+      {0, nan}, {0, 1.5f}, {0, -infinity}, {1, nan}, {2, nan},        {2, 2.1f}, {2, -1.0f},
+      {3, nan}, {3, 3.0f}, {3, -1e-40f},   {4, nan}, {4, -0x1p-149f}, {5, nan},  {5, -infinity}};
+  for (const auto& [k, value] : wrong_errors) {
+    const std::string what = "error " + std::to_string(k) + " := " + std::to_string(value);
+    expect_refused(
+        ModelBytes::errors, what.c_str(),
+        [k = k, value = value](ModelBytes& b, std::size_t first) { b.put(first + 4 * k, value); }, false);
+  }
   forge(ModelBytes::objects, 0, u32{3});
   forge(ModelBytes::objects, 52 * 3, u32{0xffffffff});
   for (const float value : {1.0000001f, -0.0000001f, std::numeric_limits<float>::quiet_NaN()})
@@ -876,9 +989,16 @@ TEST(ModelFile, RefusesContentsThatBreakARuleByOneThoughChecksumsAreRight) {
         b.put(first + 16, u32{1});
       },
       false);
+  for (const u64 count : {1, 5, 7}) {
+    ModelBytes b = good;
+    b.put(ModelBytes::entry(ModelBytes::errors) + 16, count);
+    b.seal();
+    EXPECT_NE(opening_error(folder.write("t.pgl", b.bytes)).find("section 'errors'"), std::string::npos) << count;
+  }
   expect_refused(ModelBytes::meshes, "a mesh that has vertices may be of none", [&](ModelBytes& b, std::size_t first) {
     b.put(first + 64 + 24, u32{0});  // the third mesh is of 0 to 1 vertices, with 2 map entries
     b.put(ModelBytes::entry(ModelBytes::map) + 16, u64{7});
+    b.put(ModelBytes::entry(ModelBytes::errors) + 16, u64{7});
   });
 }
 
@@ -1044,6 +1164,7 @@ TEST_P(Shrinking, IsAnErrorWheneverItHappens) {
     EXPECT_EQ(error_of([&] { file.require(full); }), expected);
     EXPECT_EQ(error_of([&] { file.require_map(); }), expected);
     EXPECT_EQ(error_of([&] { file.require_ecol(); }), expected);
+    EXPECT_EQ(error_of([&] { file.require_errors(); }), expected);
     EXPECT_EQ(error_of([&] { file.verify(); }), expected);
     file.prefetch(full);
     // Whoever reads on reads zeros, and does not end.
