@@ -93,12 +93,13 @@ class CommandLine {
     return option->type_name(names);
   }
 
-  /// False if help or the version was asked for, which is then printed. Throws std::runtime_error.
-  [[nodiscard]] bool parse(int argc, const char* const* argv) {
+  /// False if help or the version was asked for, which is then printed unless another process does. Throws
+  /// std::runtime_error.
+  [[nodiscard]] bool parse(int argc, const char* const* argv, bool print = true) {
     try {
       app.parse(argc, argv);
     } catch (const CLI::Success& asked) {
-      app.exit(asked);
+      if (print) app.exit(asked);
       return false;
     } catch (const CLI::ParseError& error) {
       throw std::runtime_error(error.what());

@@ -16,6 +16,7 @@
 #include <type_traits>
 #include <vector>
 
+#include "pgl/cuda/balance.cuh"
 #include "pgl/cuda/block_stream.cuh"
 #include "pgl/cuda/buffer.cuh"
 #include "pgl/cuda/build_hzm.cuh"
@@ -29,7 +30,9 @@
 #include "pgl/cuda/project.cuh"
 #include "pgl/cuda/rasterize_depth.cuh"
 #include "pgl/cuda/reform.cuh"
+#include "pgl/cuda/select_by_error.cuh"
 #include "pgl/cuda/select_occluders.cuh"
+#include "pgl/cuda/unify.cuh"
 #include "viewer/buffers.hpp"
 #include "viewer/cuda_error.cuh"
 #include "viewer/frame.hpp"
@@ -169,6 +172,7 @@ class CudaBackend {
   using DepthWorkspace = cuda::DepthWorkspace;
   using BudgetWorkspace = cuda::BudgetWorkspace;
   using TransferWorkspace = cuda::TransferWorkspace;
+  using BalanceWorkspace = cuda::BalanceWorkspace;
   template <class Index>
   using BlockStream = cuda::BlockStream<glm::vec3, Index>;
   static constexpr bool copies = true;
@@ -218,11 +222,18 @@ class CudaBackend {
   void cull_occluded(auto&&... arguments) {
     must(cuda::cull_occluded(arguments..., launch()), "culling what is hidden");
   }
-  void project(auto&&... arguments) {
-    must(cuda::project(arguments..., std::span<ScreenBox>{}, launch()), "projecting");
-  }
+  void project(auto&&... arguments) { must(cuda::project(arguments..., launch()), "projecting"); }
   void distribute_budget(auto&&... arguments) {
     must(cuda::distribute_budget(arguments..., launch()), "sharing the budget");
+  }
+  void error_scales(auto&&... arguments) { must(cuda::error_scales(arguments..., launch()), "bounding the errors"); }
+  void select_by_error(auto&&... arguments) {
+    must(cuda::select_by_error(arguments..., launch()), "selecting by error");
+  }
+  void balance(auto&&... arguments) { must(cuda::balance(arguments..., launch()), "cutting the picture into tiles"); }
+  void in_tile(auto&&... arguments) { must(cuda::in_tile(arguments..., launch()), "finding who is in the tile"); }
+  void take_unified(auto&&... arguments) {
+    must(cuda::take_unified(arguments..., launch()), "taking what is in the tile");
   }
   void lay_out(auto&&... arguments) {
     must(cuda::lay_out(arguments..., lay_out_workspace_, launch()), "laying out the frame");
@@ -300,6 +311,13 @@ class CudaBackend {
     copy_back(std::span<const T>(values), result, queue_.stream());
     must(cudaStreamSynchronize(queue_.stream()), "copying from the GPU");
     return result;
+  }
+  template <class T>
+  void upload(std::span<const T> values, std::span<T> to) {
+    if (values.empty()) return;
+    must(cudaMemcpyAsync(to.data(), values.data(), values.size_bytes(), cudaMemcpyHostToDevice, queue_.stream()),
+         "copying to the GPU");
+    must(cudaStreamSynchronize(queue_.stream()), "copying to the GPU");
   }
 
   std::tuple<std::span<PlacedVertex>, std::span<Triangle<std::uint32_t>>> begin_drawing(std::size_t vertices,

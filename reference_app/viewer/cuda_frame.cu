@@ -13,15 +13,16 @@
 
 namespace pgl::viewer {
 
-int choose_gpu() {
+int choose_gpu(int local_rank) {
   int count = 0;
   const cudaError_t error = cudaGetDeviceCount(&count);
   if (error != cudaSuccess || count == 0) {
     throw NoContext(std::string("--backend: cuda finds no GPU on this machine: ") +
                     cudaGetErrorString(error != cudaSuccess ? error : cudaErrorNoDevice));
   }
-  must(cudaSetDevice(0), "starting the GPU");
-  return 0;
+  const int device = local_rank % count;
+  must(cudaSetDevice(device), "starting the GPU");
+  return device;
 }
 
 namespace {

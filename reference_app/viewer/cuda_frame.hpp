@@ -17,9 +17,10 @@ inline constexpr bool built_with_cuda = true;
 inline constexpr bool built_with_cuda = false;
 #endif
 
-/// Chooses CUDA's first device for this thread and returns its number: CUDA_VISIBLE_DEVICES says which that is.
+/// Chooses a CUDA device for this thread and returns its number: the first for the first of a machine's ranks, and so
+/// on, from the beginning again where there are more. CUDA_VISIBLE_DEVICES says which there are, in which order.
 /// Throws NoContext (context.hpp) where there is no GPU or no driver for it.
-int choose_gpu();
+int choose_gpu(int local_rank);
 
 /// A frame on the chosen GPU, or on the one that draws in the current OpenGL context. The model is copied to it, or
 /// sent as it is needed.

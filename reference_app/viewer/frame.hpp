@@ -15,19 +15,26 @@
 #include <string>
 #include <vector>
 
+#include "pgl/balance.hpp"
 #include "pgl/build_hzm.hpp"
 #include "pgl/depth.hpp"
 #include "pgl/distribute_budget.hpp"
 #include "pgl/gather.hpp"
+#include "pgl/host/parallel.hpp"
 #include "pgl/host/select_occluders.hpp"
 #include "pgl/limit_transfer.hpp"
 #include "pgl/pack_delta.hpp"
+#include "pgl/project.hpp"
+#include "pgl/select_by_error.hpp"
 #include "pgl/select_occluders.hpp"
 #include "pgl/types.hpp"
+#include "pgl/unify.hpp"
 #include "scene/model_view.hpp"
 #include "viewer/buffers.hpp"
 #include "viewer/occlusion.hpp"
+#include "viewer/ranks.hpp"
 #include "viewer/streaming.hpp"
+#include "viewer/tiling.hpp"
 
 namespace pgl::viewer {
 
@@ -45,15 +52,17 @@ class Stopwatch {
   std::chrono::steady_clock::time_point last_ = std::chrono::steady_clock::now();
 };
 
-/// What each step of a frame took, in milliseconds. Load: checking, and so reading, what the frame needs of a mapped
-/// file. Upload: handing the buffers over, to OpenGL and back.
+/// What each step of a frame took, in milliseconds. Budget: choosing the counts, by whatever rule. Balance: the tiles
+/// and who is in them. Unify: waiting for the other ranks' counts. Load: checking, and so reading, what the frame needs
+/// of a mapped file. Upload: handing the buffers over, to OpenGL and back.
 struct FrameTimes {
   double cull = 0.0, occluders = 0.0, depth = 0.0, hzm = 0.0, occlusion = 0.0;
-  double project = 0.0, budget = 0.0, load = 0.0, limit = 0.0, send = 0.0, defragment = 0.0;
+  double project = 0.0, budget = 0.0, balance = 0.0, unify = 0.0, load = 0.0, limit = 0.0, send = 0.0;
+  double defragment = 0.0;
   double reform = 0.0, gather = 0.0, upload = 0.0;
 };
 
-/// What a frame chose, by object.
+/// What a frame chose, by object; of several ranks, all of them together.
 struct Selection {
   std::vector<std::uint32_t> counts;     ///< vertices drawn
   std::vector<std::uint8_t> in_view;     ///< 1: may be in the frustum
@@ -77,15 +86,16 @@ class AnyFrame {
   AnyFrame(const AnyFrame&) = delete;
   AnyFrame& operator=(const AnyFrame&) = delete;
 
-  /// Selects and builds what to draw of the model from `view` within options.budget vertices, into the DrawBuffers; the
-  /// depths and areas of `options` are taken from the view. Throws std::runtime_error where 32-bit indices do not
-  /// suffice, memory runs out or a device fails; what load() throws goes through.
-  virtual FrameTimes run(const View& view, BudgetOptions options) = 0;
+  /// Selects and builds what to draw of the model from `view` as the request says, into the DrawBuffers: of several
+  /// ranks, what touches this one's tile. Throws std::runtime_error where 32-bit indices do not suffice, memory runs
+  /// out or a device fails; what load() throws goes through, and what Ranks throws.
+  virtual FrameTimes run(const View& view, FrameRequest request) = 0;
 
   /// Of the last frame.
   virtual Selection selection() = 0;
-  virtual Sent sent() const = 0;          ///< nothing where nothing is streamed
-  virtual MemoryPlan memory() const = 0;  ///< as planned by the first frame
+  virtual const std::vector<Tile>& tiles() const = 0;  ///< by rank; nothing where there is one
+  virtual Sent sent() const = 0;                       ///< nothing where nothing is streamed
+  virtual MemoryPlan memory() const = 0;               ///< as planned by the first frame
 
   virtual BackendInfo info() const = 0;
 };
@@ -98,6 +108,7 @@ struct FrameModel {
   std::function<void(std::span<const std::uint32_t> counts)> load;       ///< all that drawing these reads
   std::function<void(std::span<const std::uint32_t> counts)> load_maps;  ///< the maps of objects with any
   std::function<void()> load_tables;                                     ///< all of map and ecol
+  std::function<void()> load_errors;                                     ///< all errors
 };
 
 /// What a frame is made with.
@@ -106,6 +117,10 @@ struct FrameOptions {
   std::uint32_t min_triangles = 0;  ///< a drawn object keeps at least so many, or all that it has
   OcclusionOptions occlusion;
   StreamOptions stream;
+  LodMode lod = LodMode::budget;
+  bool own_limits = false;  ///< several ranks: the request's budget or threshold is for this rank's tile alone
+  TileOptions tiles;
+  Ranks* ranks = nullptr;  ///< who draws the picture too; must outlive the frame
 };
 
 /// One model under a moving camera. Memory is kept from frame to frame and only grows.
@@ -115,12 +130,18 @@ struct FrameOptions {
 /// (limit_transfer). What is drawn is the same, byte for byte, but where a limit cuts the selection down: to a
 /// transfer, or to what gpu_memory has room for.
 ///
+/// Several ranks choose the same counts for all objects, each by itself, since they all have the same input and the
+/// steps the same bits; so they agree on the tiles too, and each goes on with the objects of its own. Only where each
+/// has its own limits (own_limits, a transfer) do they tell each other their counts, and of an object in several tiles
+/// all draw the smallest (unify, UnifyPolicy::performance).
+///
 /// Backend is a class that has
 /// - Input<T>: an array of the model as the steps read it, made from a std::span<const T> whose elements outlive it;
 /// - Array<T>: working memory, made empty or from a std::vector<T>, with resize();
 /// - the steps, under the names and with the arguments of pgl::host; distribute_budget has at its end where the totals
 ///   go, in such an array;
-/// - BudgetWorkspace, ReformWorkspace<Index>, OccluderWorkspace, DepthWorkspace, TransferWorkspace: their scratch;
+/// - BudgetWorkspace, ReformWorkspace<Index>, OccluderWorkspace, DepthWorkspace, TransferWorkspace, BalanceWorkspace:
+///   their scratch;
 /// - BlockStream<Index>, and reserve, begin, send, apply: its functions, with it as the first argument;
 /// - copies: whether an Input is a copy; memory_used(), memory_free(): bytes, as far as it knows;
 /// prepare_drawing(vertices, triangles): makes exactly so much room;
@@ -128,6 +149,8 @@ struct FrameOptions {
 /// - clear(depths): makes them all far_depth;
 /// - finish(): waits until the results are there;
 /// - fetch(pointers to elements...): their values, as a tuple; download(span): its elements, as a vector;
+/// upload(values,
+///   span): the other way;
 /// - begin_drawing(vertices, triangles): where reform and gather write, as spans; end_drawing(): shows it to OpenGL;
 /// - info().
 template <class Backend, class Index>
@@ -143,7 +166,7 @@ class Frame final : public AnyFrame {
   Frame(const FrameModel<Index>& model, const FrameOptions& options, auto&&... backend)
       : Frame(model, options, wants_stream(model.view, options), backend...) {}
 
-  FrameTimes run(const View& view, BudgetOptions options) override {
+  FrameTimes run(const View& view, FrameRequest request) override {
     FrameTimes ms;
     Stopwatch watch;
     const auto lap = [&] {
@@ -157,24 +180,25 @@ class Frame final : public AnyFrame {
     if (occlusion_) cull_occluded(view, ms, lap);
 
     const std::span<std::uint8_t> visible(occlusion_ ? visible_ : in_view_);
-    backend_.project(std::span(boxes_), visible, view, std::span(areas_), std::span(depths_));
+    backend_.project(std::span(boxes_), visible, view, std::span(areas_), std::span(depths_), std::span(rectangles_));
     ms.project = lap();
 
+    BudgetOptions& options = request.distribution;
     options.near_depth = view.near_depth;
     options.viewport_area = view.width * view.height;
     if (stream_) {
-      if (!memory_.streams || std::min(options.budget, all_.vertices) > planned_) plan(options);
-      if (memory_.vertices < planned_) options.budget = std::min(options.budget, memory_.vertices);
+      if (!memory_.streams || std::min(options.budget, all_.vertices) > planned_) plan(view, request);
+      if (!shared_ && memory_.vertices < planned_) options.budget = std::min(options.budget, memory_.vertices);
     }
-    Size drawn = choose(options, ms, lap);
-    // More than two triangles a vertex, or more vertices than the budget, which BudgetPolicy::paper allows.
-    while (stream_ && (drawn.vertices > memory_.vertices || drawn.triangles > memory_.triangles)) {
-      if (!memory_.limit) {
-        make_more_room(drawn);
-        break;
-      }
-      options.budget = fewer(options.budget, drawn);
-      drawn = choose(options, ms, lap);
+    Size drawn = choose(view, request, ms, lap);
+    // More than two triangles a vertex, or more vertices than the budget, which BudgetPolicy::paper allows; or more of
+    // the picture than this rank's share.
+    while (stream_) {
+      const bool fits = drawn.vertices <= memory_.vertices && drawn.triangles <= memory_.triangles;
+      if (!memory_.limit && !fits) make_more_room(drawn);
+      if (!memory_.limit || all_agree(fits)) break;
+      ask_for_less(request, fits, drawn);
+      drawn = choose(view, request, ms, lap);
     }
     if (stream_) drawn = send(options, drawn, ms, lap);
     if (drawn.vertices > std::numeric_limits<std::uint32_t>::max()) {
@@ -189,20 +213,21 @@ class Frame final : public AnyFrame {
                             reform_workspace_, index_buffer);
     } else {
       backend_.reform(std::span(meshes_), std::span(objects_), std::span(triangles_), std::span(ecol_),
-                      std::span(counts_), std::span(vertex_offsets_), std::span(triangle_offsets_), reform_workspace_,
-                      index_buffer);
+                      std::span(own_counts()), std::span(vertex_offsets_), std::span(triangle_offsets_),
+                      reform_workspace_, index_buffer);
     }
     ms.reform = lap();
     if (stream_) {
       backend_.gather_block(std::span(objects_), stream_->vertices(), stream_->vertex_offsets(), vertex_buffer);
     } else {
-      backend_.gather(std::span(meshes_), std::span(objects_), std::span(vertices_), std::span(counts_),
+      backend_.gather(std::span(meshes_), std::span(objects_), std::span(vertices_), std::span(own_counts()),
                       std::span(vertex_offsets_), vertex_buffer);
     }
     ms.gather = lap();
 
     backend_.end_drawing();
     ms.upload += lap();
+    if (shared_ && !fixed_tiles()) tile_list_ = backend_.download(std::span(tiles_));
     return ms;
   }
 
@@ -218,6 +243,7 @@ class Frame final : public AnyFrame {
     std::erase(selection.occluders, no_object);
     return selection;
   }
+  const std::vector<Tile>& tiles() const override { return tile_list_; }
   Sent sent() const override { return sent_; }
   MemoryPlan memory() const override { return memory_; }
   BackendInfo info() const override { return backend_.info(); }
@@ -231,6 +257,11 @@ class Frame final : public AnyFrame {
       : backend_(backend...),
         model_(loaded(model, streams)),
         options_(options.stream),
+        tiling_(options.tiles),
+        ranks_(options.ranks),
+        shared_(options.ranks != nullptr && options.ranks->size() > 1),
+        own_limits_(shared_ && options.own_limits),
+        by_error_(options.lod == LodMode::error),
         all_(size_of(model.view)),
         occlusion_(options.occlusion.mode != OcclusionMode::off),
         temporal_(options.occlusion.mode == OcclusionMode::temporal),
@@ -244,6 +275,7 @@ class Frame final : public AnyFrame {
         map_(model.view.map),
         boxes_(model.view.object_boxes),
         faces_(model.view.faces),
+        errors_(by_error_ ? checked_errors(model) : std::span<const float>()),
         occluder_meshes_(std::span<const Mesh>(chosen_.meshes)),
         occluder_vertices_(std::span<const glm::vec3>(chosen_.vertices)),
         occluder_triangles_(std::span<const Triangle<Index>>(chosen_.triangles)),
@@ -266,6 +298,19 @@ class Frame final : public AnyFrame {
     }
     areas_.resize(n);
     depths_.resize(n);
+    if (by_error_) {
+      scales_.resize(n);
+      backend_.error_scales(std::span(objects_), std::span(scales_));
+    }
+    if (shared_) {
+      const auto ranks = static_cast<std::size_t>(ranks_->size());
+      rectangles_.resize(n);
+      in_tile_.resize(n);
+      own_counts_.resize(n);
+      loads_ = Array<std::uint32_t>(std::vector<std::uint32_t>(n, 1));
+      tiles_.resize(ranks);
+      tile_loads_.resize(ranks);
+    }
     vertex_offsets_.resize(n + 1);
     triangle_offsets_.resize(n + 1);
     totals_.resize(1);
@@ -300,7 +345,8 @@ class Frame final : public AnyFrame {
 
   /// What is in the backend's memory of every model, and the working memory that goes with it.
   static std::uint64_t tables_bytes(const scene::ModelView<Index>& model) {
-    constexpr std::uint64_t working = 5 * sizeof(std::uint32_t) + 3 + 2 * sizeof(float) + 2 * sizeof(std::uint64_t);
+    constexpr std::uint64_t working =
+        7 * sizeof(std::uint32_t) + 4 + 3 * sizeof(float) + 2 * sizeof(std::uint64_t) + sizeof(ScreenBox);
     return model.meshes.size_bytes() + model.objects.size_bytes() + model.ecol.size_bytes() + model.map.size_bytes() +
            model.object_boxes.size_bytes() + model.faces.size_bytes() + model.objects.size() * working;
   }
@@ -324,14 +370,45 @@ class Frame final : public AnyFrame {
     return model;
   }
 
-  /// Shares out the budget and lays the frame out: counts_ and the offsets.
-  Size choose(const BudgetOptions& options, FrameTimes& ms, auto&& lap) {
-    backend_.distribute_budget(std::span(areas_), std::span(depths_), std::span(min_vertices_),
-                               std::span(max_vertices_), options, budget_workspace_, std::span(counts_),
-                               totals_.data());
+  /// Chooses the counts, of several ranks those in the own tile too, and lays the frame out: counts_, own_counts() and
+  /// the offsets. alone: without the others, whatever they choose.
+  Size choose(const View& view, const FrameRequest& request, FrameTimes& ms, auto&& lap, bool alone = false) {
+    if (own_limits_) {
+      cut_tiles(view, request);
+      ms.balance += lap();
+      backend_.project(std::span(boxes_), std::span<const std::uint8_t>(in_tile_), view, std::span(areas_),
+                       std::span(depths_), std::span<ScreenBox>());
+      ms.project += lap();
+    }
+    if (by_error_) {
+      backend_.select_by_error(std::span(areas_), std::span(depths_), std::span(min_vertices_),
+                               std::span(max_vertices_), std::span(scales_), std::span(mesh_of_object_),
+                               std::span(meshes_), std::span(errors_), view,
+                               ErrorOptions{.threshold = request.threshold, .pet = request.distribution.pet},
+                               std::span(counts_), totals_.data());
+    } else {
+      backend_.distribute_budget(std::span(areas_), std::span(depths_), std::span(min_vertices_),
+                                 std::span(max_vertices_), request.distribution, budget_workspace_, std::span(counts_),
+                                 totals_.data());
+    }
+    ms.budget += lap();
+    if (own_limits_ && !alone) {
+      unify(counts_);
+      ms.unify += lap();
+    }
+    if (shared_) {
+      if (model_.load_maps) {
+        model_.load_maps(backend_.download(std::span(counts_)));
+        ms.load += lap();
+      }
+      if (!fixed_tiles() && !(own_limits_ && alone)) lay_out(counts_, loads_);
+      if (!own_limits_) cut_tiles(view, request);
+      backend_.take_unified(std::span(counts_), std::span(in_tile_), std::span(counts_), std::span(own_counts_),
+                            totals_.data());
+      ms.balance += lap();
+    }
     if (const auto& load = stream_ && options_.transfer ? model_.load_maps : model_.load; load) {
-      ms.budget += lap();
-      load(backend_.download(std::span(counts_)));
+      load(backend_.download(std::span(own_counts())));
       ms.load += lap();
     }
     const Size size = lay_out();
@@ -339,9 +416,68 @@ class Frame final : public AnyFrame {
     return size;
   }
 
+  /// What this rank draws of the selection.
+  Array<std::uint32_t>& own_counts() { return shared_ ? own_counts_ : counts_; }
+
+  bool fixed_tiles() const { return tiling_.mode == TileMode::equal || tiling_.mode == TileMode::wall; }
+
+  /// Cuts the picture into the ranks' tiles, and finds who may touch the own one: with own limits by what the frame
+  /// before drew, which may be nothing of what is to be seen now.
+  void cut_tiles(const View& view, const FrameRequest& request) {
+    const auto width = static_cast<std::uint32_t>(view.width), height = static_cast<std::uint32_t>(view.height);
+    const auto ranks = static_cast<std::uint32_t>(ranks_->size());
+    std::span<const std::uint32_t> loads(loads_);
+    if (!fixed_tiles()) {
+      backend_.balance(std::span(rectangles_), loads, width, height, std::span(request.weights).first(ranks),
+                       tiling_.balance, balance_workspace_, std::span(tiles_), std::span(tile_loads_));
+    } else if (tile_list_.empty() || tiled_width_ != width || tiled_height_ != height) {
+      tile_list_ = tiling_.mode == TileMode::wall ? wall_tiles(tiling_.columns, tiling_.rows, width, height)
+                                                  : equal_tiles(ranks, width, height);
+      tiles_ = Array<Tile>(tile_list_);
+      tiled_width_ = width;
+      tiled_height_ = height;
+    }
+    if (own_limits_ || fixed_tiles()) loads = {};
+    backend_.in_tile(std::span(rectangles_), loads, tiles_.data() + ranks_->rank(), std::span(in_tile_));
+  }
+
+  /// Of each object the smallest count that a rank has whose tile it touches: 0 where none does.
+  void unify(Array<std::uint32_t>& counts) {
+    constexpr UnifyPolicy policy = UnifyPolicy::performance;
+    std::vector<std::uint32_t> keys = backend_.download(std::span(counts));
+    const std::vector<std::uint8_t> touches = backend_.download(std::span(in_tile_));
+    host::parallel_for(keys.size(), 4096,
+                       [&](std::size_t i) { keys[i] = unify_key(keys[i], touches[i] != 0, policy); });
+    ranks_->combine(keys, Ranks::Combine::least);
+    host::parallel_for(keys.size(), 4096, [&](std::size_t i) { keys[i] = unified_vertices(keys[i]); });
+    backend_.upload(std::span<const std::uint32_t>(keys), std::span(counts));
+  }
+
+  /// Whether all ranks say so.
+  bool all_agree(bool here) const { return shared_ ? ranks_->least(here ? 1 : 0) == 1 : here; }
+
+  /// Lowers what is asked for, as far as the rank needs that has least room; with own limits, only here.
+  void ask_for_less(FrameRequest& request, bool fits, const Size& drawn) const {
+    if (by_error_) {
+      if (fits && own_limits_) return;
+      if (!(request.threshold < 1e6f)) {
+        throw std::runtime_error("--gpu-memory: even at the coarsest there is no room for what is in view");
+      }
+      request.threshold = std::max(1.5f * request.threshold, 0.25f);
+      return;
+    }
+    std::uint64_t& budget = request.distribution.budget;
+    const std::uint64_t less = fits ? budget : fewer(budget, drawn);
+    budget = shared_ && !own_limits_ ? ranks_->least(less) : less;
+  }
+
+  void lay_out(Array<std::uint32_t>& counts, Array<std::uint32_t>& triangle_counts) {
+    backend_.lay_out(std::span(counts), std::span(mesh_of_object_), std::span(meshes_), std::span(map_),
+                     std::span(triangle_counts), std::span(vertex_offsets_), std::span(triangle_offsets_));
+  }
+
   Size lay_out() {
-    backend_.lay_out(std::span(counts_), std::span(mesh_of_object_), std::span(meshes_), std::span(map_),
-                     std::span(triangle_counts_), std::span(vertex_offsets_), std::span(triangle_offsets_));
+    lay_out(own_counts(), triangle_counts_);
     const auto [vertices, triangles] = backend_.fetch(vertex_offsets_.data() + vertex_offsets_.size() - 1,
                                                       triangle_offsets_.data() + triangle_offsets_.size() - 1);
     return {vertices, triangles};
@@ -354,19 +490,26 @@ class Frame final : public AnyFrame {
     if (options_.transfer) {
       const TransferOptions transfer{
           .cap = *options_.transfer, .vertex_bytes = sizeof(glm::vec3), .triangle_bytes = sizeof(Triangle<Index>)};
+      Array<std::uint32_t>& counts = own_counts();
       backend_.limit_transfer(std::span(areas_), std::span(depths_), std::span(min_vertices_), std::span(max_vertices_),
-                              options, std::span(counts_), stream_->counts(), std::span(mesh_of_object_),
-                              std::span(meshes_), std::span(map_), transfer, transfer_workspace_, std::span(counts_),
+                              options, std::span(counts), stream_->counts(), std::span(mesh_of_object_),
+                              std::span(meshes_), std::span(map_), transfer, transfer_workspace_, std::span(counts),
                               transfer_totals_.data());
       const auto [totals] = backend_.fetch(transfer_totals_.data());
       sent_.missing_bytes = totals.missing_bytes;
       ms.limit = lap();
-      if (model_.load) model_.load(backend_.download(std::span(counts_)));
+      if (shared_) {
+        unify(counts);
+        backend_.take_unified(std::span(counts), std::span(in_tile_), std::span(counts), std::span(counts),
+                              totals_.data());
+        ms.unify += lap();
+      }
+      if (model_.load) model_.load(backend_.download(std::span(counts)));
       ms.load += lap();
       size = lay_out();
       ms.limit += lap();
     }
-    backend_.begin(*stream_, std::span(counts_), std::span(vertex_offsets_), std::span(triangle_offsets_));
+    backend_.begin(*stream_, std::span(own_counts()), std::span(vertex_offsets_), std::span(triangle_offsets_));
     const DeltaSize delta =
         backend_.send(*stream_, model_.view.meshes, model_.view.objects, model_.view.vertices, model_.view.triangles);
     sent_.vertices = delta.vertices;
@@ -379,19 +522,24 @@ class Frame final : public AnyFrame {
   }
 
   /// Plans the memory for a budget, once everything else has been taken: by the steps of a frame that draws nothing.
-  void plan(BudgetOptions options) {
-    planned_ = std::min(options.budget, all_.vertices);
+  void plan(const View& view, FrameRequest request) {
+    planned_ = std::min(request.distribution.budget, all_.vertices);
     if (!memory_.streams) {
-      options.budget = 0;
+      request.distribution.budget = 0;
       FrameTimes ms;
-      choose(options, ms, [] { return 0.0; });
+      choose(
+          view, request, ms, [] { return 0.0; }, true);
       backend_.finish();
       const std::uint64_t n = model_.view.objects.size();
       memory_.resident =
           std::max(tables_bytes(model_.view) + hzm_.size() * sizeof(Depth) + occluder_bytes(), backend_.memory_used()) +
           n * streamed_object_bytes;
     }
-    memory_ = plan_memory(options_, all_, memory_.resident, planned_, sizeof(glm::vec3), sizeof(Triangle<Index>));
+    // Of several ranks each has about its part of the picture, and more as it needs more.
+    const std::uint64_t room = shared_ && !options_.gpu_memory && !own_limits_
+                                   ? planned_ / static_cast<std::uint64_t>(ranks_->size()) / 2 * 3
+                                   : planned_;
+    memory_ = plan_memory(options_, all_, memory_.resident, room, sizeof(glm::vec3), sizeof(Triangle<Index>));
     make_blocks();
   }
 
@@ -483,6 +631,15 @@ class Frame final : public AnyFrame {
     cull();
   }
 
+  /// The errors of all meshes. Throws std::runtime_error where the model has none.
+  static std::span<const float> checked_errors(const FrameModel<Index>& model) {
+    if (model.view.errors.size() != model.view.map.size()) {
+      throw std::runtime_error("--lod: this model has no errors: make it with pgl_preprocess --errors");
+    }
+    if (model.load_errors) model.load_errors();
+    return model.view.errors;
+  }
+
   /// The objects that may hide others: those at least so compact, in the order in which their faces are read.
   static std::vector<std::uint32_t> all_candidates(const scene::ModelView<Index>& model, float compactness) {
     std::vector<std::uint32_t> objects(model.compactness_order.begin(), model.compactness_order.end());
@@ -509,6 +666,11 @@ class Frame final : public AnyFrame {
   Backend backend_;
   const FrameModel<Index> model_;
   const StreamOptions options_;
+  const TileOptions tiling_;
+  Ranks* const ranks_;
+  const bool shared_;      // several ranks draw the picture
+  const bool own_limits_;  // and each has a budget or a threshold of its own
+  const bool by_error_;
   const ModelSize all_;
   const bool occlusion_;
   const bool temporal_;
@@ -522,6 +684,7 @@ class Frame final : public AnyFrame {
   const Input<std::uint32_t> map_;
   const Input<Box> boxes_;
   const Input<OccluderFace> faces_;
+  const Input<float> errors_;
   const Input<Mesh> occluder_meshes_;
   const Input<glm::vec3> occluder_vertices_;
   const Input<Triangle<Index>> occluder_triangles_;
@@ -536,6 +699,14 @@ class Frame final : public AnyFrame {
   Array<std::uint64_t> vertex_offsets_, triangle_offsets_;
   Array<BudgetTotals> totals_;
   Array<TransferTotals> transfer_totals_;
+  Array<float> scales_;
+  Array<ScreenBox> rectangles_;
+  Array<std::uint8_t> in_tile_;
+  Array<std::uint32_t> own_counts_, loads_;  // loads: triangles of all objects, whoever draws them
+  Array<Tile> tiles_;
+  Array<std::uint64_t> tile_loads_;
+  std::vector<Tile> tile_list_;
+  std::uint32_t tiled_width_ = 0, tiled_height_ = 0;  // what fixed tiles are for
   std::optional<typename Backend::template BlockStream<Index>> stream_;
   MemoryPlan memory_;
   std::uint64_t planned_ = 0;  // the budget that memory_ is for
@@ -544,6 +715,7 @@ class Frame final : public AnyFrame {
   typename Backend::DepthWorkspace depth_workspace_;
   typename Backend::BudgetWorkspace budget_workspace_;
   typename Backend::TransferWorkspace transfer_workspace_;
+  typename Backend::BalanceWorkspace balance_workspace_;
   typename Backend::template ReformWorkspace<Index> reform_workspace_;
 };
 

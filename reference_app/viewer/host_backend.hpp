@@ -11,6 +11,7 @@
 #include <type_traits>
 #include <vector>
 
+#include "pgl/host/balance.hpp"
 #include "pgl/host/block_stream.hpp"
 #include "pgl/host/build_hzm.hpp"
 #include "pgl/host/cull_frustum.hpp"
@@ -22,7 +23,9 @@
 #include "pgl/host/project.hpp"
 #include "pgl/host/rasterize_depth.hpp"
 #include "pgl/host/reform.hpp"
+#include "pgl/host/select_by_error.hpp"
 #include "pgl/host/select_occluders.hpp"
+#include "pgl/host/unify.hpp"
 #include "viewer/buffers.hpp"
 #include "viewer/frame.hpp"
 
@@ -39,6 +42,7 @@ class HostBackend {
   using DepthWorkspace = host::DepthWorkspace;
   using BudgetWorkspace = host::BudgetWorkspace;
   using TransferWorkspace = host::TransferWorkspace;
+  using BalanceWorkspace = host::BalanceWorkspace;
   template <class Index>
   using BlockStream = host::BlockStream<glm::vec3, Index>;
   static constexpr bool copies = false;
@@ -62,6 +66,20 @@ class HostBackend {
   void distribute_budget(auto&& areas, auto&& depths, auto&& min_vertices, auto&& max_vertices, auto&& options,
                          auto&& workspace, auto&& counts, BudgetTotals* totals) {
     *totals = host::distribute_budget(areas, depths, min_vertices, max_vertices, options, workspace, counts);
+  }
+  void error_scales(auto&&... arguments) { host::error_scales(arguments...); }
+  void select_by_error(auto&& areas, auto&& depths, auto&& min_vertices, auto&& max_vertices, auto&& scales,
+                       auto&& mesh_of_object, auto&& meshes, auto&& errors, auto&& view, auto&& options, auto&& counts,
+                       BudgetTotals* totals) {
+    *totals = host::select_by_error(areas, depths, min_vertices, max_vertices, scales, mesh_of_object, meshes, errors,
+                                    view, options, counts);
+  }
+  void balance(auto&&... arguments) { host::balance(arguments...); }
+  void in_tile(auto&& rectangles, auto&& loads, const Tile* tile, auto&& flags) {
+    host::in_tile(rectangles, loads, *tile, flags);
+  }
+  void take_unified(auto&& counts, auto&& in_tile, auto&& unified, auto&& out, BudgetTotals* totals) {
+    *totals = host::take_unified(counts, in_tile, unified, out);
   }
   void lay_out(auto&&... arguments) { host::lay_out(arguments...); }
   void limit_transfer(auto&& areas, auto&& depths, auto&& min_vertices, auto&& max_vertices, auto&& weight,
@@ -95,6 +113,10 @@ class HostBackend {
   template <class T>
   std::vector<std::remove_const_t<T>> download(std::span<T> values) {
     return {values.begin(), values.end()};
+  }
+  template <class T>
+  void upload(std::span<const T> values, std::span<T> to) {
+    std::ranges::copy(values, to.begin());
   }
 
   auto begin_drawing(std::size_t vertices, std::size_t triangles) {

@@ -1,8 +1,11 @@
 // SPDX-License-Identifier: MIT
-// pgl_viewer: a model, a camera and a vertex budget go in; a picture comes out, in a window or in a file.
+// pgl_viewer: a model, a camera and a vertex budget go in; a picture comes out, in a window or in a file. Under mpirun,
+// several processes draw it together.
 #include <algorithm>
 #include <array>
 #include <chrono>
+#include <cstddef>
+#include <cstdint>
 #include <cstdio>
 #include <functional>
 #include <iterator>
@@ -10,6 +13,7 @@
 #include <new>
 #include <optional>
 #include <span>
+#include <stdexcept>
 #include <string>
 #include <string_view>
 #include <utility>
@@ -38,23 +42,60 @@
 #include "viewer/host_backend.hpp"
 #include "viewer/options.hpp"
 #include "viewer/output.hpp"
+#include "viewer/pace.hpp"
+#include "viewer/picture_exchange.hpp"
 #include "viewer/prefetcher.hpp"
+#include "viewer/ranks.hpp"
 #include "viewer/reference.hpp"
 #include "viewer/renderer.hpp"
 #include "viewer/report.hpp"
+#include "viewer/tiling.hpp"
 #include "viewer/window.hpp"
 
 namespace pgl::viewer {
 
 namespace {
 
+/// What went wrong in some rank, on rank 0: all have heard of it and leave.
+struct Agreed : std::runtime_error {
+  using std::runtime_error::runtime_error;
+};
+
+/// Does what may go wrong in some ranks only: then it does in all. What `work` throws where there is one rank goes
+/// through; else rank 0 throws Agreed, and the others EndedElsewhere.
+void together(Ranks& ranks, const std::function<void()>& work) {
+  if (ranks.size() == 1) return work();
+  std::string failure;
+  try {
+    work();
+  } catch (const EndedElsewhere&) {
+    throw;
+  } catch (const std::bad_alloc&) {
+    failure = "not enough memory";
+  } catch (const std::exception& error) {
+    failure = error.what();
+  }
+  try {
+    ranks.agree(failure);
+  } catch (const EndedElsewhere&) {
+    throw;
+  } catch (const std::runtime_error& error) {
+    throw Agreed(error.what());
+  }
+}
+
+/// Tells what the person should know, once.
+void note(const Ranks& ranks, const std::string& text) {
+  if (ranks.rank() == 0 && !text.empty()) scene::tell("pgl_viewer", text);
+}
+
 /// The model files as one scene.
-scene::Scene import_files(const Options& options, const scene::Progress& progress) {
+scene::Scene import_files(const Options& options, const Ranks& ranks, const scene::Progress& progress) {
   scene::Scene all;
   for (const std::string& file : options.files) {
     scene::ImportReport report;
     scene::Scene part = scene::import_scene(file, options.import, progress, &report);
-    for (const std::string& warning : report.warnings) scene::tell("pgl_viewer", warning);
+    for (const std::string& warning : report.warnings) note(ranks, warning);
     const auto first_mesh = static_cast<std::uint32_t>(all.meshes.size());
     for (Object& object : part.objects) object.mesh += first_mesh;
     std::ranges::move(part.meshes, std::back_inserter(all.meshes));
@@ -92,10 +133,11 @@ Box bounds_of(std::span<const Box> boxes) {
 /// The times of one step over all frames, and of all steps, in the order of the work.
 class Times {
  public:
-  void add(const FrameTimes& ms, double draw, double frame) {
+  void add(const FrameTimes& ms, double draw, double pictures, double frame) {
     for (std::size_t i = 0; i < steps.size(); ++i) steps_[i].push_back(ms.*steps[i].of);
     load_.push_back(ms.load);
     draw_.push_back(draw);
+    pictures_.push_back(pictures);
     frame_.push_back(frame);
   }
   std::size_t frames() const { return frame_.size(); }
@@ -111,6 +153,7 @@ class Times {
       if (taken || !steps[i].optional) ms.emplace_back(steps[i].name, median(steps_[i]));
     }
     ms.emplace_back("draw", median(draw_));
+    if (const double pictures = median(pictures_); pictures > 0.0) ms.emplace_back("pictures", pictures);
     std::vector<double> frames = frame_;
     ms.emplace_back("frame", median(frames));
     ms.emplace_back("worst frame", frames.empty() ? 0.0 : *std::ranges::max_element(frames));
@@ -122,13 +165,15 @@ class Times {
     double FrameTimes::*of;
     bool optional;
   };
-  static constexpr std::array<Step, 14> steps = {{{"cull", &FrameTimes::cull, false},
+  static constexpr std::array<Step, 16> steps = {{{"cull", &FrameTimes::cull, false},
                                                   {"occluders", &FrameTimes::occluders, true},
                                                   {"depth", &FrameTimes::depth, true},
                                                   {"hzm", &FrameTimes::hzm, true},
                                                   {"occlusion", &FrameTimes::occlusion, true},
                                                   {"project", &FrameTimes::project, false},
                                                   {"budget", &FrameTimes::budget, false},
+                                                  {"balance", &FrameTimes::balance, true},
+                                                  {"unify", &FrameTimes::unify, true},
                                                   {"load", &FrameTimes::load, true},
                                                   {"limit", &FrameTimes::limit, true},
                                                   {"send", &FrameTimes::send, true},
@@ -137,7 +182,7 @@ class Times {
                                                   {"gather", &FrameTimes::gather, false},
                                                   {"upload", &FrameTimes::upload, false}}};
   std::array<std::vector<double>, steps.size()> steps_;
-  std::vector<double> draw_, frame_, load_;
+  std::vector<double> draw_, pictures_, frame_, load_;
 };
 
 /// The reference picture of what a frame chose, as large as the frame's own.
@@ -163,8 +208,16 @@ std::string title_of(std::uint64_t budget, std::size_t triangles, double ms) {
 }
 
 template <class Index>
-std::unique_ptr<AnyFrame> make_frame(const Options& options, const FrameModel<Index>& model, Renderer& renderer) {
-  const FrameOptions frame{options.budget, options.min_triangles, options.occlusion, options.stream};
+std::unique_ptr<AnyFrame> make_frame(const Options& options, const FrameModel<Index>& model, Ranks& ranks,
+                                     Renderer& renderer) {
+  const FrameOptions frame{.budget = options.budget,
+                           .min_triangles = options.min_triangles,
+                           .occlusion = options.occlusion,
+                           .stream = options.stream,
+                           .lod = options.lod,
+                           .own_limits = options.frame_time.has_value(),
+                           .tiles = options.tiles,
+                           .ranks = &ranks};
   if constexpr (built_with_cuda) {
     if (options.backend == BackendKind::cuda) {
       return make_cuda_frame(model, frame, renderer.buffers(), renderer.vendor());
@@ -176,7 +229,7 @@ std::unique_ptr<AnyFrame> make_frame(const Options& options, const FrameModel<In
 /// The model of a file as a frame reads it: checked part by part.
 template <class Index>
 FrameModel<Index> model_of(scene::ModelFile& file, std::uint32_t min_triangles) {
-  FrameModel<Index> model{file.view<Index>(), {}, {}, {}};
+  FrameModel<Index> model{file.view<Index>(), {}, {}, {}, {}};
   if (min_triangles > 0) file.require_map();
   model.load = [&file](std::span<const std::uint32_t> counts) { file.require(counts); };
   model.load_maps = [&file](std::span<const std::uint32_t> counts) { file.require_maps(counts); };
@@ -184,6 +237,7 @@ FrameModel<Index> model_of(scene::ModelFile& file, std::uint32_t min_triangles) 
     file.require_map();
     file.require_ecol();
   };
+  model.load_errors = [&file] { file.require_errors(); };
   return model;
 }
 
@@ -205,176 +259,327 @@ void move_on(const Options& options, const Box& box, double aspect, int frame, i
   }
 }
 
+/// What rank 0 says at the beginning of a frame.
+struct Order {
+  bool go = true;
+  View view;
+  Camera camera;
+  std::uint64_t budget = 0;
+  bool wireframe = false;
+  int width = 0, height = 0;
+};
+
+/// How well the ranks' shares were balanced: how much more than the mean the largest had, over all frames.
+class Imbalance {
+ public:
+  void add(std::span<const Taken> all) {
+    std::uint64_t sum = 0, most = 0;
+    for (const Taken& one : all) {
+      sum += one.triangles;
+      most = std::max(most, one.triangles);
+    }
+    if (sum == 0) return;
+    const double now = static_cast<double>(most) * static_cast<double>(all.size()) / static_cast<double>(sum) - 1.0;
+    sum_ += now;
+    worst_ = std::max(worst_, now);
+    ++frames_;
+  }
+  double mean() const { return frames_ > 0 ? sum_ / frames_ : 0.0; }
+  double worst() const { return worst_; }
+
+ private:
+  double sum_ = 0.0, worst_ = 0.0;
+  int frames_ = 0;
+};
+
 template <class Index>
-void show(const Options& options, const FrameModel<Index>& from, scene::ModelFile* file, Window* window,
+void show(const Options& options, const FrameModel<Index>& from, scene::ModelFile* file, Ranks& ranks, Window* window,
           Report& report) {
   const scene::ModelView<Index>& model = from.view;
-  Renderer renderer;
+  const bool wall = options.tiles.mode == TileMode::wall;
+  const bool shared = ranks.size() > 1;
+  // What is drawn into a picture first: others' tiles come to it, or only a part of it is shown.
+  const bool offscreen = window == nullptr || shared || wall;
+  std::optional<Renderer> renderer;
+  std::unique_ptr<AnyFrame> frame;
+  std::optional<PictureExchange> exchange;
   int width = options.width, height = options.height;
-  if (window == nullptr) renderer.draw_offscreen(width, height, samples_of(options));
-
   const Box box = bounds_of(model.object_boxes);
-  if (file != nullptr && !glm::all(glm::lessThanEqual(box.min, box.max))) {
-    throw scene::Error(file->path(), "has nothing to draw");
-  }
   const double extent = glm::distance(glm::dvec3(box.min), glm::dvec3(box.max));
   WindowState state;
-  state.budget = options.budget;
-  state.wireframe = options.wireframe;
-  state.camera = first_camera(options, file != nullptr ? file->up() : scene::UpAxis::not_told, box);
+  together(ranks, [&] {
+    if (file != nullptr && !glm::all(glm::lessThanEqual(box.min, box.max))) {
+      throw scene::Error(file->path(), "has nothing to draw");
+    }
+    renderer.emplace();
+    if (offscreen) renderer->draw_offscreen(width, height, samples_of(options));
+    state.budget = options.budget;
+    state.wireframe = options.wireframe;
+    state.camera = first_camera(options, file != nullptr ? file->up() : scene::UpAxis::not_told, box);
+    frame = make_frame(options, from, ranks, *renderer);
+  });
+  const BackendInfo info = frame->info();
+  const bool cuda = info.name == "cuda";
+  if (shared && !wall) exchange.emplace(ranks, *renderer, width, height, cuda);
   if (window != nullptr) {
-    std::puts(controls);
+    if (ranks.rank() == 0) std::puts(controls);
     window->show(state, extent, std::uint64_t{1} << 32);
   }
-
-  const std::unique_ptr<AnyFrame> frame = make_frame(options, from, renderer);
   std::optional<Prefetcher<Index>> prefetcher;
-  if (file != nullptr && options.prefetch) prefetcher.emplace(*file, model, options.min_triangles);
-  const BackendInfo info = frame->info();
-  if (!info.note.empty()) scene::tell("pgl_viewer", info.note);
+  if (file != nullptr && options.prefetch && options.lod == LodMode::budget) {
+    prefetcher.emplace(*file, model, options.min_triangles);
+  }
+  note(ranks, info.note);
+  if (exchange) note(ranks, exchange->note());
   const int last_frame = options.frames > 0 ? options.frames : window == nullptr ? 1 : 0;
   Times times;
-  View view;
+  Imbalance imbalance;
+  Pace pace(options.distribution, options.threshold, options.lod, options.frame_time,
+            options.tiles.mode == TileMode::measured, ranks.size(), ranks.rank());
+  pace.set_budget(state.budget);
+  const std::vector<Tile> one_tile = {whole(width, height)};
+  const auto tiles = [&]() -> const std::vector<Tile>& { return shared ? frame->tiles() : one_tile; };
+  const auto own_tile = [&] { return tiles()[static_cast<std::size_t>(ranks.rank())]; };
+  const auto picture = [&] {
+    if (!offscreen) return renderer->read(width, height);
+    if (!shared) renderer->resolve(own_tile());
+    return renderer->read_picture(wall ? own_tile() : whole(width, height));
+  };
+  Order order;
   Camera last_camera = state.camera;
-  for (int done = 0; last_frame == 0 || done < last_frame; ++done) {
+  bool stop = false;
+  for (int done = 0;; ++done) {
     if (window != nullptr) {
-      if (!window->handle_events(done > 0 && last_frame == 0 && !options.orbit && !options.fly)) break;
-      window->size(width, height);
-      width = std::max(width, 1);  // minimised
-      height = std::max(height, 1);
+      const bool still = done > 0 && last_frame == 0 && !options.orbit && !options.fly;
+      if (!window->handle_events(still && !shared)) stop = true;
     }
-    const double aspect = static_cast<double>(width) / height;
-    move_on(options, box, aspect, done, last_frame, state.camera);
-
-    Stopwatch whole;
-    view = view_of(state.camera, box, width, height);
-    BudgetOptions distribution = options.distribution;
-    distribution.budget = state.budget;
-    if (prefetcher) {
-      Camera next = state.camera;
-      if (options.fly || options.orbit) {
-        move_on(options, box, aspect, done + 1, last_frame, next);
-      } else if (done > 0) {  // on as it went
-        next.eye += state.camera.eye - last_camera.eye;
-        next.target += state.camera.target - last_camera.target;
+    if (ranks.rank() == 0) {
+      order.go = !stop && (last_frame == 0 || done < last_frame);
+      if (window != nullptr && !wall) {
+        window->size(order.width, order.height);
+        order.width = std::clamp(order.width, 1, 16384);  // minimised
+        order.height = std::clamp(order.height, 1, 16384);
+      } else {
+        order.width = width;
+        order.height = height;
       }
-      BudgetOptions room = distribution;
-      if (frame->memory().streams) room.budget = std::min(room.budget, frame->memory().vertices);
+      const double aspect = static_cast<double>(order.width) / order.height;
+      if (order.go) move_on(options, box, aspect, done, last_frame, state.camera);
+      order.camera = state.camera;
+      order.budget = state.budget;
+      order.wireframe = state.wireframe;
+      if (order.go) order.view = view_of(order.camera, box, order.width, order.height);
+    }
+    ranks.broadcast(order);
+    if (!order.go) break;
+    if (order.width != width || order.height != height) {
+      width = order.width;
+      height = order.height;
+      if (offscreen) {
+        exchange.reset();
+        renderer->draw_offscreen(width, height, samples_of(options));
+        exchange.emplace(ranks, *renderer, width, height, cuda);
+      }
+    }
+
+    Stopwatch whole_frame;
+    pace.set_budget(order.budget);
+    const FrameRequest& request = pace.request();
+    if (prefetcher) {
+      Camera next = order.camera;
+      if (options.fly || options.orbit) {
+        move_on(options, box, static_cast<double>(width) / height, done + 1, last_frame, next);
+      } else if (done > 0) {  // on as it went
+        next.eye += order.camera.eye - last_camera.eye;
+        next.target += order.camera.target - last_camera.target;
+      }
+      BudgetOptions room = request.distribution;
+      if (frame->memory().streams && !shared) room.budget = std::min(room.budget, frame->memory().vertices);
       if (next.eye != next.target) prefetcher->want(view_of(next, box, width, height), room);
     }
-    last_camera = state.camera;
-    const FrameTimes ms = frame->run(view, distribution);
+    last_camera = order.camera;
+    const FrameTimes ms = frame->run(order.view, request);
     Stopwatch watch;
-    renderer.draw(view, state.camera, extent, state.wireframe, !options.stream.overlap);
+    const std::optional<Tile> part = shared ? std::optional(own_tile()) : std::nullopt;
+    for (int i = 0; i < (ranks.rank() == options.slow_rank ? options.slow_factor : 1); ++i) {
+      renderer->draw(order.view, order.camera, extent, order.wireframe, !options.stream.overlap, part);
+    }
     const double draw = watch.lap();
-    const double total = whole.lap();
-    times.add(ms, draw, total);
-    if (options.checksums) report.checksums.push_back(renderer.buffers().checksum());
+    const double own = whole_frame.lap() - ms.unify;
+    double pictures = 0.0;
+    if (exchange) {
+      exchange->exchange(tiles());
+    } else if (shared) {
+      renderer->resolve(own_tile());
+    }
+    const std::vector<Taken> taken = ranks.gather(
+        Taken{static_cast<float>(own), renderer->buffers().vertices(), renderer->buffers().triangles(), stop});
+    if (shared) pictures = watch.lap();
+    for (const Taken& one : taken) stop = stop || one.stop;
+    pace.follow(taken);
+    imbalance.add(taken);
+    const double total = own + ms.unify + whole_frame.lap();
+    times.add(ms, draw, pictures, total);
+    if (options.checksums) report.checksums.push_back(renderer->buffers().checksum());
     if (frame->memory().streams) {
       report.sent.push_back(frame->sent());
     } else if (done == 0 && (options.stream.transfer || options.stream.overlap)) {
-      scene::tell("pgl_viewer", "the model fits: nothing is streamed, --transfer and --overlap change nothing");
+      note(ranks, "the model fits: nothing is streamed, --transfer and --overlap change nothing");
     }
 
     if (window != nullptr) {
       if (std::exchange(state.take_picture, false)) {
         const std::string path = options.output.empty() ? "pgl.png" : options.output;
-        const PendingFile picture{"P", path, encode_png("P", renderer.read(width, height))};
+        const PendingFile file_of_it{"P", path, encode_png("P", picture())};
         try {
-          write_files({&picture, 1});
+          write_files({&file_of_it, 1});
         } catch (const std::runtime_error& error) {  // no reason to close the window
           scene::tell("pgl_viewer", error.what());
         }
       }
+      if (offscreen) {
+        if (!shared) renderer->resolve(own_tile());
+        renderer->present(wall ? own_tile() : whole(width, height));
+      }
       window->present();
-      window->set_title(title_of(state.budget, renderer.buffers().triangles(), total));
+      std::uint64_t triangles = 0;
+      for (const Taken& one : taken) triangles += one.triangles;
+      window->set_title(title_of(request.distribution.budget, triangles, total));
     }
   }
 
-  report.budget = state.budget;
-  report.drawn_vertices = renderer.buffers().vertices();
-  report.drawn_triangles = renderer.buffers().triangles();
-  report.frames = static_cast<int>(times.frames());
-  Selection selection;
-  if (report.frames > 0) selection = frame->selection();
-  report.drawn_objects = selection.counts.size() - static_cast<std::size_t>(std::ranges::count(selection.counts, 0u));
-  report.memory = frame->memory();
-  if (file != nullptr) {
-    report.file_bytes = file->bytes();
-    report.file_bytes_read = file->bytes_verified();
-  }
-  if (options.checksums) {
-    report.frame_ms = times.frames_ms();
-    report.load_ms = times.loads_ms();
-  }
-  const auto none = [](const std::vector<std::uint8_t>& flags) {
-    return static_cast<std::uint64_t>(std::ranges::count(flags, std::uint8_t{0}));
-  };
-  report.culled_frustum = none(selection.in_view);
-  report.culled_occlusion = none(selection.visible) - report.culled_frustum;
-  report.occluders = selection.occluders.size();
-  times.report(!options.stream.overlap, report.ms);
-  report.width = width;
-  report.height = height;
-  report.samples = renderer.samples();
-  report.camera = state.camera;
-  report.backend = info.name;
-  report.gpu = info.gpu;
-  report.interop = info.interop;
-  report.gl_vendor = renderer.vendor();
-  report.gl_renderer = renderer.renderer();
-  report.gl_version = renderer.version();
+  together(ranks, [&] {
+    report.budget = pace.request().distribution.budget;
+    report.threshold = options.lod == LodMode::error ? pace.request().threshold : 0.0f;
+    report.drawn_vertices = renderer->buffers().vertices();
+    report.drawn_triangles = renderer->buffers().triangles();
+    report.frames = static_cast<int>(times.frames());
+    Selection selection;
+    if (report.frames > 0) selection = frame->selection();
+    report.drawn_objects = selection.counts.size() - static_cast<std::size_t>(std::ranges::count(selection.counts, 0u));
+    report.memory = frame->memory();
+    if (file != nullptr) {
+      report.file_bytes = file->bytes();
+      report.file_bytes_read = file->bytes_verified();
+    }
+    if (options.checksums) {
+      report.frame_ms = times.frames_ms();
+      report.load_ms = times.loads_ms();
+    }
+    const auto none = [](const std::vector<std::uint8_t>& flags) {
+      return static_cast<std::uint64_t>(std::ranges::count(flags, std::uint8_t{0}));
+    };
+    report.culled_frustum = none(selection.in_view);
+    report.culled_occlusion = none(selection.visible) - report.culled_frustum;
+    report.occluders = selection.occluders.size();
+    times.report(!options.stream.overlap, report.ms);
+    report.width = width;
+    report.height = height;
+    report.samples = renderer->samples();
+    report.camera = order.camera;
+    report.backend = info.name;
+    report.gpu = info.gpu;
+    report.interop = info.interop;
+    report.gl_vendor = renderer->vendor();
+    report.gl_renderer = renderer->renderer();
+    report.gl_version = renderer->version();
+    if (shared) {
+      report.rank = ranks.rank();
+      report.pictures = exchange ? exchange->how() : "none";
+      report.imbalance = imbalance.mean();
+      report.worst_imbalance = imbalance.worst();
+      if (report.frames > 0) report.tile = own_tile();
+      report.weight = pace.request().weights[static_cast<std::size_t>(ranks.rank())];
+    }
+    if (!options.stats.empty()) report.drawn_checksum = renderer->buffers().checksum();
+  });
+  if (shared) report.ranks = ranks.gather_texts(to_json(report));
 
   std::vector<PendingFile> files;
-  if (!options.output.empty()) {
-    if (window != nullptr && report.frames > 0) renderer.draw(view, state.camera, extent, state.wireframe);
-    files.push_back({"--output", options.output, encode_png("--output", renderer.read(width, height))});
-  }
-  if (!options.stats.empty()) {
-    report.drawn_checksum = renderer.buffers().checksum();
-    files.push_back({"--stats", options.stats, to_json(report)});
-  }
-  if (!options.reference.empty() && report.frames > 0) {
-    const Image image = draw_reference(from, selection, state.camera, view, box, extent);
-    files.push_back({"--reference", options.reference, encode_png("--reference", image)});
-  }
-  if (file != nullptr) file->check();  // that the last frame drew no zeros instead of what is gone
-  write_files(files);
+  together(ranks, [&] {
+    if (!options.output.empty() && (ranks.rank() == 0 || wall)) {
+      if (window != nullptr && !offscreen && report.frames > 0) {
+        renderer->draw(order.view, order.camera, extent, order.wireframe);
+      }
+      files.push_back({"--output", options.output, encode_png("--output", picture())});
+    }
+    if (!options.stats.empty() && ranks.rank() == 0) {
+      files.push_back({"--stats", options.stats, to_json(report)});
+    }
+    if (!options.reference.empty() && report.frames > 0 && ranks.rank() == 0) {
+      const Image image = draw_reference(from, frame->selection(), order.camera, order.view, box, extent);
+      files.push_back({"--reference", options.reference, encode_png("--reference", image)});
+    }
+    if (file != nullptr) file->check();  // that the last frame drew no zeros instead of what is gone
+  });
+  together(ranks, [&] { write_files(files); });
 }
 
-void run(const Options& options) {
+void run(const Options& options, Ranks& ranks) {
+  if (options.tiles.mode == TileMode::wall &&
+      options.tiles.columns * options.tiles.rows != static_cast<std::uint32_t>(ranks.size())) {
+    together(ranks, [&] {
+      throw std::runtime_error("--wall: " + std::to_string(options.tiles.columns) + "x" +
+                               std::to_string(options.tiles.rows) + " is not drawn by " + std::to_string(ranks.size()) +
+                               " of mpirun");
+    });
+  }
 #if defined(_OPENMP)
-  if (options.threads > 0) omp_set_num_threads(options.threads);
+  if (options.threads > 0) {
+    omp_set_num_threads(options.threads);
+  } else if (ranks.size() > 1) {
+    omp_set_num_threads(std::max(1, omp_get_max_threads() / ranks.local_size()));
+  }
 #endif
   Report report;
   report.threads = host::thread_count();
   scene::ProgressLine line;
-  const scene::Progress progress = std::ref(line);
+  const scene::Progress progress = ranks.rank() == 0 ? scene::Progress(std::ref(line)) : scene::Progress();
+  const bool errors = options.lod == LodMode::error;
 
   Stopwatch watch;
   scene::Scene imported;
   std::optional<scene::ModelFile> file;
   double open_ms = 0.0;
-  if (options.preprocessed) {
-    file.emplace(options.files.front());
-    open_ms = watch.lap();
-  } else {
-    imported = import_files(options, progress);
-    report.ms.emplace_back("import", watch.lap());
-  }
-
   // Before the long work, so that it is not for nothing; after the import, which forks.
   std::unique_ptr<Window> window;
   std::unique_ptr<OffscreenContext> offscreen;
-  int gpu = -1;
-  if constexpr (built_with_cuda) {
-    if (options.backend == BackendKind::cuda) gpu = choose_gpu();
-  }
-  if (!options.headless && Window::available()) {
-    window = std::make_unique<Window>(options.width, options.height, samples_of(options));
-  } else {
-    offscreen = std::make_unique<OffscreenContext>(gpu);
-  }
+  std::optional<scene::AnyModel> any_model;
+  together(ranks, [&] {
+    if (options.preprocessed) {
+      file.emplace(options.files.front());
+      open_ms = watch.lap();
+    } else {
+      imported = import_files(options, ranks, progress);
+      report.ms.emplace_back("import", watch.lap());
+    }
+    int gpu = -1;
+    if constexpr (built_with_cuda) {
+      if (options.backend == BackendKind::cuda) gpu = choose_gpu(ranks.local_rank());
+    }
+    const bool shows = ranks.rank() == 0 || options.tiles.mode == TileMode::wall;
+    if (shows && !options.headless && Window::available()) {
+      Tile part = whole(options.width, options.height);
+      if (options.tiles.mode == TileMode::wall) {
+        part = wall_tiles(options.tiles.columns, options.tiles.rows, part.x1,
+                          part.y1)[static_cast<std::size_t>(ranks.rank())];
+      }
+      window = std::make_unique<Window>(std::max(1, static_cast<int>(part.x1 - part.x0)),
+                                        std::max(1, static_cast<int>(part.y1 - part.y0)), samples_of(options));
+    } else {
+      offscreen = std::make_unique<OffscreenContext>(gpu);
+    }
+    watch.lap();
+    if (!file) {
+      scene::BuildReport built;
+      any_model.emplace(options.files.empty()
+                            ? scene::build_plant(options.plant, 0, options.plant.objects, options.import.weld,
+                                                 options.ecol, progress, &built, errors)
+                            : scene::build_any_model(std::move(imported), options.ecol, progress, &built, errors));
+      report.ms.emplace_back("preprocess", watch.lap());
+      report.open_vertices = built.open_vertices;
+    }
+  });
 
   const auto show_model = [&]<class Index>(const FrameModel<Index>& model, scene::ModelFile* mapped) {
     const ModelSize size = size_of(model.view);
@@ -383,34 +588,26 @@ void run(const Options& options) {
     report.model_vertices = size.vertices;
     report.model_triangles = size.triangles;
     line.clear();
-    show(options, model, mapped, window.get(), report);
+    show(options, model, mapped, ranks, window.get(), report);
   };
-  watch.lap();
-  if (file) {
-    if (file->wide()) {
-      const auto model = model_of<std::uint32_t>(*file, options.min_triangles);
-      report.ms.emplace_back("open", open_ms + watch.lap());
-      show_model(model, &*file);
-    } else {
-      const auto model = model_of<std::uint16_t>(*file, options.min_triangles);
-      report.ms.emplace_back("open", open_ms + watch.lap());
-      show_model(model, &*file);
-    }
+  const auto show_file = [&]<class Index>() {
+    std::optional<FrameModel<Index>> model;
+    together(ranks, [&] { model.emplace(model_of<Index>(*file, options.min_triangles)); });
+    report.ms.emplace_back("open", open_ms + watch.lap());
+    show_model(*model, &*file);
+  };
+  if (file && file->wide()) {
+    show_file.template operator()<std::uint32_t>();
+  } else if (file) {
+    show_file.template operator()<std::uint16_t>();
   } else {
-    scene::BuildReport built;
-    const scene::AnyModel any_model = options.files.empty()
-                                          ? scene::build_plant(options.plant, 0, options.plant.objects,
-                                                               options.import.weld, options.ecol, progress, &built)
-                                          : scene::build_any_model(std::move(imported), options.ecol, progress, &built);
-    report.ms.emplace_back("preprocess", watch.lap());
-    report.open_vertices = built.open_vertices;
     std::visit(
         [&]<class Index>(const scene::Model<Index>& model) {
-          show_model(FrameModel<Index>{scene::ModelView<Index>(model), {}, {}, {}}, nullptr);
+          show_model(FrameModel<Index>{scene::ModelView<Index>(model), {}, {}, {}, {}}, nullptr);
         },
-        any_model);
+        *any_model);
   }
-  std::fputs(to_table(report).c_str(), stdout);
+  if (ranks.rank() == 0) std::fputs(to_table(report).c_str(), stdout);
 }
 
 int fail(const char* message, int code) {
@@ -422,24 +619,39 @@ int fail(const char* message, int code) {
 
 }  // namespace pgl::viewer
 
-/// Exit codes: 0 done, 1 failed, 2 impossible options, 3 nothing to draw with on this machine.
+/// Exit codes: 0 done, 1 failed, 2 impossible options, 3 nothing to draw with on this machine. Of several ranks one
+/// tells.
 int main(int argc, char** argv) {
   using namespace pgl::viewer;
+  const int rank = Ranks::rank_of_environment();
   std::optional<Options> options;
   try {
-    options = parse_options(argc, argv);
+    options = parse_options(argc, argv, rank);
   } catch (const std::exception& error) {
-    return fail(error.what(), 2);
+    return rank == 0 ? fail(error.what(), 2) : 2;
   }
   if (!options) return 0;
+  std::optional<Ranks> ranks;
+  const auto end = [&](const char* message, int code) {
+    if (ranks && ranks->size() > 1) ranks->abort(message, code);
+    return fail(message, code);
+  };
   try {
-    run(*options);
+    ranks.emplace(options->patience);
+    if (ranks->size() > 1 && options->stream.overlap) {
+      throw std::runtime_error("--overlap: is for one GPU: several wait for each other after every frame");
+    }
+    run(*options, *ranks);
     return 0;
-  } catch (const NoContext& error) {
-    return fail(error.what(), 3);
-  } catch (const std::bad_alloc&) {
-    return fail("not enough memory", 1);
-  } catch (const std::exception& error) {
+  } catch (const EndedElsewhere&) {
+    return 1;
+  } catch (const Agreed& error) {
     return fail(error.what(), 1);
+  } catch (const NoContext& error) {
+    return end(error.what(), 3);
+  } catch (const std::bad_alloc&) {
+    return end("not enough memory", 1);
+  } catch (const std::exception& error) {
+    return end(error.what(), 1);
   }
 }

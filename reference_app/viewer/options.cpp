@@ -34,7 +34,7 @@ std::vector<std::string_view> cut(std::string_view text, char separator) {
 
 }  // namespace
 
-std::optional<Options> parse_options(int argc, const char* const* argv) {
+std::optional<Options> parse_options(int argc, const char* const* argv, int rank) {
   Options options;
   scene::CommandLine line(
       "pgl_viewer", "Draws a model inside a vertex budget: in a window, or into a picture where there is no display.");
@@ -45,14 +45,27 @@ std::optional<Options> parse_options(int argc, const char* const* argv) {
   const scene::ImportOptionLists import = add_import_options(line, options.import);
   const OptionList ecol = add_ecol_options(line, options.ecol);
 
-  line.add("--budget", "Vertices to draw, at most 2^32 [1000000]",
+  CLI::Option* budget =
+      line.add("--budget", "Vertices to draw, at most 2^32 [1000000]",
+               [&](const std::string& text) {
+                 constexpr std::uint64_t most = std::uint64_t{1} << 32;
+                 const auto given = text == "all" ? most : number<std::uint64_t>(text, 0, most);
+                 if (!given) refuse("--budget", "needs a number from 0 to 4294967296, or all, not '" + text + "'");
+                 options.budget = *given;
+               })
+          ->type_name("N|all");
+  line.add_choice<LodMode>(
+      "--lod", options.lod, {{"budget", LodMode::budget}, {"error", LodMode::error}},
+      "What decides on an object's vertices: its share of the budget, or its error on the screen [budget]");
+  CLI::Option* threshold =
+      line.add_number("--threshold", options.threshold, 0.0f, 1e6f, "Pixels that an error may take on the screen [1]");
+  line.add("--frame-time", "Milliseconds of a frame, which the budget or the threshold follows: of each GPU [fixed]",
            [&](const std::string& text) {
-             constexpr std::uint64_t most = std::uint64_t{1} << 32;
-             const auto given = text == "all" ? most : number<std::uint64_t>(text, 0, most);
-             if (!given) refuse("--budget", "needs a number from 0 to 4294967296, or all, not '" + text + "'");
-             options.budget = *given;
+             const auto given = number<double>(text, 0.001, 1e6);
+             if (!given) refuse("--frame-time", "needs milliseconds from 0.001 to 1000000, not '" + text + "'");
+             options.frame_time = *given;
            })
-      ->type_name("N|all");
+      ->type_name("MS");
   line.add_number("--alpha", options.distribution.alpha, std::nextafter(1.0f, 2.0f), 64.0f,
                   "Above 1 to 64: small favours area on the screen, large detailed objects [3]");
   line.add_number("--pet", options.distribution.pet, 0.0f, std::numeric_limits<float>::max(),
@@ -113,6 +126,51 @@ std::optional<Options> parse_options(int argc, const char* const* argv) {
   CLI::Option* prefetch = app.add_flag("--prefetch,!--no-prefetch", options.prefetch,
                                        "Read a .pgl file ahead of the frames, on a thread of its own [on]");
 
+  CLI::Option* tiles = line.add_choice<TileMode>(
+      "--tiles", options.tiles.mode,
+      {{"equal", TileMode::equal}, {"balanced", TileMode::balanced}, {"measured", TileMode::measured}},
+      "Of several ranks: parts of the picture as large, that cost as much, or that take as long [balanced]");
+  CLI::Option* wall = line.add("--wall", "A picture of so many screens, each drawn and written or shown by one rank",
+                               [&](const std::string& text) {
+                                 const auto parts = cut(text, 'x');
+                                 const auto columns = number<std::uint32_t>(parts[0], 1u, most_tiles);
+                                 const auto rows = number<std::uint32_t>(parts.back(), 1u, most_tiles);
+                                 if (parts.size() != 2 || !columns || !rows || *columns * *rows > most_tiles) {
+                                   refuse("--wall", "needs COLUMNSxROWS, at most 64 screens, not '" + text + "'");
+                                 }
+                                 options.tiles.mode = TileMode::wall;
+                                 options.tiles.columns = *columns;
+                                 options.tiles.rows = *rows;
+                               })
+                          ->type_name("CxR");
+  CLI::Option* balance = line.add_choice<BalancePolicy>(
+      "--balance", options.tiles.balance.policy,
+      {{"histogram", BalancePolicy::histogram}, {"bisection", BalancePolicy::bisection}},
+      "How a cut is found: the best of all, or by halves until it is good enough [histogram]");
+  CLI::Option* lbt = line.add_number("--lbt", options.tiles.balance.threshold, 0.0f, 1.0f,
+                                     "Imbalance that is good enough for bisection, 0 to 1 [0.03]");
+  CLI::Option* bins = line.add_number("--bins", options.tiles.balance.bins, 0u, most_picture_side,
+                                      "Places where a tile may be cut, 2 or more; 0: between any two pixels [0]");
+  line.add("--timeout", "Seconds that a rank may keep the others waiting [10]",
+           [&](const std::string& text) {
+             const auto given = number<double>(text, 0.1, 1e6);
+             if (!given) refuse("--timeout", "needs seconds from 0.1 to 1000000, not '" + text + "'");
+             options.patience = *given;
+           })
+      ->type_name("SECONDS");
+  line.add("--slow", "For measurements: this rank draws every frame so often",
+           [&](const std::string& text) {
+             const auto parts = cut(text, ',');
+             const auto which = number<int>(parts[0], 0, 63);
+             const auto factor = number<int>(parts.back(), 1, 1000);
+             if (parts.size() != 2 || !which || !factor) {
+               refuse("--slow", "needs RANK,TIMES as 1,4, not '" + text + "'");
+             }
+             options.slow_rank = *which;
+             options.slow_factor = *factor;
+           })
+      ->type_name("RANK,TIMES");
+
   add_up_option(line, options.up,
                 "Which axis of the model points up [as a .pgl file says, else z of the plant, y of files]");
   CLI::Option* camera =
@@ -168,7 +226,7 @@ std::optional<Options> parse_options(int argc, const char* const* argv) {
       app.add_option("--stats", options.stats, "Write what was measured as JSON")->type_name("FILE.json");
   app.add_flag("--checksums", options.checksums, "With --stats: the checksum of every frame, not only the last");
 
-  if (!line.parse(argc, argv)) return {};
+  if (!line.parse(argc, argv, rank == 0)) return {};
 
   scene::refuse_of_other_source(!options.files.empty(), plant, import.of_files);
   if (options.backend == BackendKind::cuda && !built_with_cuda) {
@@ -181,6 +239,16 @@ std::optional<Options> parse_options(int argc, const char* const* argv) {
   if (options.stream.mode == StreamMode::never) {
     refuse_given({transfer, overlap}, "is for streamed frames, and --stream says never");
   }
+  if (options.lod == LodMode::error) {
+    refuse_given({budget}, "and --lod error are different limits");
+    refuse_given({transfer}, "is for --lod budget, whose weights say what comes first");
+  } else {
+    refuse_given({threshold}, "is for --lod error");
+  }
+  if (wall->count() > 0) refuse_given({tiles, balance, lbt, bins}, "is for one picture, and --wall makes several");
+  if (options.tiles.mode == TileMode::equal) refuse_given({balance, lbt, bins}, "is for tiles that follow the load");
+  if (options.tiles.balance.policy != BalancePolicy::bisection) refuse_given({lbt}, "is for --balance bisection");
+  if (options.tiles.balance.bins == 1) refuse("--bins", "needs 0, or from 2 to 16384 places");
   if (options.fly) {
     refuse_given({orbit, camera}, "and --fly are different cameras");
   }
@@ -200,13 +268,16 @@ std::optional<Options> parse_options(int argc, const char* const* argv) {
     const std::string& path;
     bool picture;
   };
+  if (options.tiles.mode == TileMode::wall && options.output.ends_with(".png")) {
+    options.output.insert(options.output.size() - 4, "-" + std::to_string(rank));
+  }
   const std::array<Written, 3> written = {
       {{output, options.output, true}, {reference, options.reference, true}, {stats, options.stats, false}}};
   for (auto file = written.begin(); file != written.end(); ++file) {
     if (file->option->count() == 0) continue;
     const std::string name = file->option->get_name();
     if (file->picture && !file->path.ends_with(".png")) refuse(name, "'" + file->path + "' does not end in .png");
-    check_writable(name, file->path);
+    if (rank == 0 || options.tiles.mode == TileMode::wall) check_writable(name, file->path);
     for (auto other = written.begin(); other != file; ++other) {
       if (other->option->count() > 0 && real_path(other->path) == real_path(file->path)) {
         refuse(name, "'" + file->path + "' is " + other->option->get_name() + "'s file");

@@ -16,6 +16,7 @@
 #include "viewer/camera.hpp"
 #include "viewer/occlusion.hpp"
 #include "viewer/streaming.hpp"
+#include "viewer/tiling.hpp"
 
 namespace pgl::viewer {
 
@@ -42,6 +43,14 @@ struct Options {
   OcclusionOptions occlusion;
   StreamOptions stream;
   bool prefetch = true;  ///< a model file is read ahead of the frames
+  LodMode lod = LodMode::budget;
+  float threshold = 1.0f;            ///< pixels, for LodMode::error
+  std::optional<double> frame_time;  ///< milliseconds, which the budget or the threshold follows
+
+  TileOptions tiles;       ///< of several ranks
+  double patience = 10.0;  ///< seconds: see Ranks
+  int slow_rank = -1;      ///< this one draws
+  int slow_factor = 1;     ///< each frame so often
 
   scene::UpAxis up = scene::UpAxis::not_told;  ///< none: as a model file says, else z of the plant, y of files
   std::optional<CameraOption> camera;          ///< none: the whole model
@@ -52,15 +61,16 @@ struct Options {
   bool headless = false;  ///< draw offscreen even where there is a display
   int frames = 0;         ///< then stop; 0: one offscreen, no end in a window
 
-  std::string output;      ///< PNG of the last frame
+  std::string output;      ///< PNG of the last frame; of a wall, of this rank's part
   std::string reference;   ///< PNG of the last frame's selection, seen from outside
   std::string stats;       ///< JSON
   bool checksums = false;  ///< in the statistics, of every frame
   int threads = 0;         ///< 0: all
 };
 
-/// Reads the command line. Prints help or version and returns nothing when they were asked for.
-/// Throws std::runtime_error with one line that names the option.
-std::optional<Options> parse_options(int argc, const char* const* argv);
+/// Reads the command line. Prints help or version, if rank is 0, and returns nothing when they were asked for. Files
+/// are written by rank 0, and of a wall by each: --output FILE.png is then FILE-RANK.png. Throws std::runtime_error
+/// with one line that names the option.
+std::optional<Options> parse_options(int argc, const char* const* argv, int rank);
 
 }  // namespace pgl::viewer

@@ -32,49 +32,62 @@ std::string to_json(const Report& report) {
                     {"bytes", frame.bytes},
                     {"missing_bytes", frame.missing_bytes}});
   }
-  const Json json = {{"pgl", scene::version()},
-                     {"objects", report.objects},
-                     {"model",
-                      {{"vertices", report.model_vertices},
-                       {"triangles", report.model_triangles},
-                       {"meshes", report.meshes},
-                       {"open_vertices", report.open_vertices}}},
-                     {"budget", report.budget},
-                     {"drawn",
-                      {{"objects", report.drawn_objects},
-                       {"vertices", report.drawn_vertices},
-                       {"triangles", report.drawn_triangles},
-                       {"checksum", hex(report.drawn_checksum)}}},
-                     {"checksums", checksums},
-                     {"culled", {{"frustum", report.culled_frustum}, {"occlusion", report.culled_occlusion}}},
-                     {"occluders", report.occluders},
-                     {"stream",
-                      {{"streams", report.memory.streams},
-                       {"sent", sent},
-                       {"memory",
-                        {{"resident", report.memory.resident},
-                         {"blocks", report.memory.blocks},
-                         {"drawn", report.memory.drawn},
-                         {"vertices", report.memory.vertices},
-                         {"triangles", report.memory.triangles}}}}},
-                     {"file", {{"bytes", report.file_bytes}, {"bytes_read", report.file_bytes_read}}},
-                     {"ms", ms},
-                     {"frame_ms", report.frame_ms},
-                     {"load_ms", report.load_ms},
-                     {"frames", report.frames},
-                     {"threads", report.threads},
-                     {"size", {report.width, report.height}},
-                     {"camera",
-                      {{"eye", vector(report.camera.eye)},
-                       {"target", vector(report.camera.target)},
-                       {"up", vector(report.camera.up)},
-                       {"fov", report.camera.fov_degrees}}},
-                     {"backend", {{"name", report.backend}, {"gpu", report.gpu}, {"interop", report.interop}}},
-                     {"gl",
-                      {{"vendor", report.gl_vendor},
-                       {"renderer", report.gl_renderer},
-                       {"version", report.gl_version},
-                       {"samples", report.samples}}}};
+  Json json = {{"pgl", scene::version()},
+               {"objects", report.objects},
+               {"model",
+                {{"vertices", report.model_vertices},
+                 {"triangles", report.model_triangles},
+                 {"meshes", report.meshes},
+                 {"open_vertices", report.open_vertices}}},
+               {"budget", report.budget},
+               {"drawn",
+                {{"objects", report.drawn_objects},
+                 {"vertices", report.drawn_vertices},
+                 {"triangles", report.drawn_triangles},
+                 {"checksum", hex(report.drawn_checksum)}}},
+               {"checksums", checksums},
+               {"culled", {{"frustum", report.culled_frustum}, {"occlusion", report.culled_occlusion}}},
+               {"occluders", report.occluders},
+               {"stream",
+                {{"streams", report.memory.streams},
+                 {"sent", sent},
+                 {"memory",
+                  {{"resident", report.memory.resident},
+                   {"blocks", report.memory.blocks},
+                   {"drawn", report.memory.drawn},
+                   {"vertices", report.memory.vertices},
+                   {"triangles", report.memory.triangles}}}}},
+               {"file", {{"bytes", report.file_bytes}, {"bytes_read", report.file_bytes_read}}},
+               {"ms", ms},
+               {"frame_ms", report.frame_ms},
+               {"load_ms", report.load_ms},
+               {"frames", report.frames},
+               {"threads", report.threads},
+               {"size", {report.width, report.height}},
+               {"camera",
+                {{"eye", vector(report.camera.eye)},
+                 {"target", vector(report.camera.target)},
+                 {"up", vector(report.camera.up)},
+                 {"fov", report.camera.fov_degrees}}},
+               {"backend", {{"name", report.backend}, {"gpu", report.gpu}, {"interop", report.interop}}},
+               {"gl",
+                {{"vendor", report.gl_vendor},
+                 {"renderer", report.gl_renderer},
+                 {"version", report.gl_version},
+                 {"samples", report.samples}}}};
+  if (report.threshold > 0.0f) json["threshold"] = report.threshold;
+  if (!report.pictures.empty()) {
+    const Tile& tile = report.tile;
+    json["rank"] = report.rank;
+    json["tile"] = {tile.x0, tile.y0, tile.x1, tile.y1};
+    json["weight"] = report.weight;
+    json["pictures"] = report.pictures;
+    json["imbalance"] = {{"mean", report.imbalance}, {"worst", report.worst_imbalance}};
+  }
+  if (!report.ranks.empty()) {
+    json["ranks"] = Json::array();
+    for (const std::string& rank : report.ranks) json["ranks"].push_back(Json::parse(rank));
+  }
   return json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
 }
 
@@ -96,6 +109,13 @@ std::string to_table(const Report& report) {
   line("culled, occlusion", grouped(report.culled_occlusion));
   line("occluders", grouped(report.occluders));
   line("backend", report.backend);
+  if (!report.pictures.empty()) {
+    line("ranks", grouped(report.ranks.size()));
+    line("pictures come by", report.pictures);
+    char percent[16];
+    std::snprintf(percent, sizeof percent, "%.1f", 100.0 * report.imbalance);
+    line("imbalance, %", percent);
+  }
   if (report.memory.streams && !report.sent.empty()) {
     Sent all, most;
     for (const Sent& frame : report.sent) {

@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "pgl/balance.hpp"
 #include "viewer/camera.hpp"
 #include "viewer/streaming.hpp"
 
@@ -36,6 +37,14 @@ struct Report {
   std::string backend, gpu;
   bool interop = false;
   std::string gl_vendor, gl_renderer, gl_version;
+  float threshold = 0.0f;  ///< pixels, where error decides
+  // Of several ranks: what is drawn and measured is this one's, what is culled that of all.
+  int rank = 0;
+  Tile tile;
+  std::uint32_t weight = 0;                       ///< of full_weight
+  std::string pictures;                           ///< how they come together
+  double imbalance = 0.0, worst_imbalance = 0.0;  ///< largest share of triangles, above the mean: 0 is even
+  std::vector<std::string> ranks;                 ///< the statistics of each
 };
 
 /// The statistics file.
