@@ -44,7 +44,8 @@ class Renderer {
   /// Draws the triangles of buffers() on a background and, if told to, waits until the picture is there.
   /// `extent`: the size of the model, the unit of the haze.
   /// With a tile, only that part of the picture: its pixels are those of the whole drawn at once, if no triangle that
-  /// touches them is missing. The others stay as they were.
+  /// touches them is missing. What was drawn elsewhere means nothing after this: with several samples a pixel, drivers
+  /// were seen to draw some of those next to the tile too.
   void draw(const View& view, const Camera& camera, double extent, bool wireframe, bool wait = true,
             const std::optional<Tile>& tile = {});
 
