@@ -390,7 +390,7 @@ void Ranks::broadcast_bytes(std::span<std::byte> value) {
 
 void Ranks::gather_bytes(std::span<const std::byte> own, std::span<std::byte> all) {
   const std::size_t n = own.size();
-  std::ranges::copy(own, all.begin() + static_cast<std::ptrdiff_t>(n * static_cast<std::size_t>(rank_)));
+  std::ranges::copy(own, all.begin());  // right on rank 0, which tells the others
   if (!mpi_) return;
   if (rank_ == 0) {
     for (int from = 1; from < size_; ++from) {

@@ -31,7 +31,8 @@ class Ranks {
   /// Joins the others. Throws std::runtime_error where mpirun started several and this program was built without MPI,
   /// or MPI cannot be had.
   explicit Ranks(double patience_seconds);
-  /// Leaves: at the end of a run that went well, or after agree() threw.
+  /// Leaves: at the end of a run that went well, or after agree() threw. Where another exception passes, the others
+  /// may wait for what never comes: then this does not leave, and mpirun ends them when the process exits.
   ~Ranks();
   Ranks(const Ranks&) = delete;
   Ranks& operator=(const Ranks&) = delete;

@@ -203,6 +203,7 @@ int main(int argc, char** argv) {
   } catch (const EndedElsewhere&) {
     return 0;
   } catch (const std::exception& error) {
+    if (argv[2] == std::string("refuse")) sleep_for(0.3);  // whoever is gone by now must not take this one along
     pgl::scene::tell("pgl_viewer", error.what());
     return 1;
   }
