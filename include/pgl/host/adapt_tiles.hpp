@@ -70,8 +70,7 @@ BudgetTotals adapt_tiles(std::span<const ScreenBox> rectangles, std::span<const 
   } else {
     parallel_for(tiles.size(), 1, [&](std::size_t tile) {
 #if defined(_OPENMP)
-      omp_set_num_threads(
-          1);  // of what this thread begins in here; where it is the only one, it has this number already
+      omp_set_num_threads(1);  // for what this thread begins in here, no other
 #endif
       adapt(tile);
     });
