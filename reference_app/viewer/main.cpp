@@ -11,6 +11,7 @@
 #include <iterator>
 #include <memory>
 #include <new>
+#include <numeric>
 #include <optional>
 #include <span>
 #include <stdexcept>
@@ -146,7 +147,7 @@ class Times {
   const std::vector<double>& loads_ms() const { return load_; }
 
   /// Appends the medians: of the steps, if they were `timed`, without those that no frame needed; of drawing and of
-  /// whole frames, and the worst frame.
+  /// whole frames, the worst frame, and the mean of all but the first, which sends everything.
   void report(bool timed, std::vector<std::pair<std::string, double>>& ms) {
     for (std::size_t i = 0; timed && i < steps.size(); ++i) {
       const bool taken = std::ranges::any_of(steps_[i], [](double time) { return time > 0.0; });
@@ -157,6 +158,9 @@ class Times {
     std::vector<double> frames = frame_;
     ms.emplace_back("frame", median(frames));
     ms.emplace_back("worst frame", frames.empty() ? 0.0 : *std::ranges::max_element(frames));
+    if (frame_.size() < 2) return;
+    const double sum = std::accumulate(frame_.begin() + 1, frame_.end(), 0.0);
+    ms.emplace_back("mean frame", sum / static_cast<double>(frame_.size() - 1));
   }
 
  private:
