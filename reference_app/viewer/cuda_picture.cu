@@ -6,6 +6,7 @@
 #include <cuda_runtime.h>
 
 #include <cstring>
+#include <stdexcept>
 
 #include "pgl/cuda/buffer.cuh"
 #include "pgl/cuda/launch.cuh"
@@ -137,12 +138,20 @@ class Picture final : public CudaPicture {
   cuda::Buffer staging_;
 };
 
+/// Other drivers are not asked.
+void check(const std::string& gl_vendor) {
+  if (!gl_vendor.starts_with("NVIDIA")) throw std::runtime_error("OpenGL is not NVIDIA's");
+}
+
 }  // namespace
 
-std::unique_ptr<CudaPicture> take_cuda_picture(unsigned texture, std::uint64_t pixels) {
+std::unique_ptr<CudaPicture> take_cuda_picture(unsigned texture, const std::string& gl_vendor, std::uint64_t pixels) {
+  check(gl_vendor);
   return std::make_unique<Picture<TakenMemory>>(texture, cudaGraphicsRegisterFlagsNone, pixels);
 }
-std::unique_ptr<CudaPicture> open_cuda_picture(unsigned texture, const SharedMemory& memory) {
+std::unique_ptr<CudaPicture> open_cuda_picture(unsigned texture, const std::string& gl_vendor,
+                                               const SharedMemory& memory) {
+  check(gl_vendor);
   return std::make_unique<Picture<OpenedMemory>>(texture, cudaGraphicsRegisterFlagsReadOnly, memory);
 }
 

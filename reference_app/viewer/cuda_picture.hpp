@@ -8,6 +8,7 @@
 #include <cstdint>
 #include <memory>
 #include <span>
+#include <string>
 
 #include "pgl/balance.hpp"
 
@@ -36,10 +37,11 @@ class CudaPicture {
   virtual void take(std::span<const PlacedTile> tiles) = 0;
 };
 
-/// Takes shared memory for so many pixels on CUDA's device, which the current OpenGL context must be on. Those who
-/// opened it must have closed it before it is freed here.
-std::unique_ptr<CudaPicture> take_cuda_picture(unsigned texture, std::uint64_t pixels);
+/// Takes shared memory for so many pixels on CUDA's device, which the current OpenGL context must be on (`gl_vendor`
+/// says whether it can be). Those who opened it must have closed it before it is freed here.
+std::unique_ptr<CudaPicture> take_cuda_picture(unsigned texture, const std::string& gl_vendor, std::uint64_t pixels);
 /// Opens that of another process, which may be on another GPU that this one's can reach.
-std::unique_ptr<CudaPicture> open_cuda_picture(unsigned texture, const SharedMemory& memory);
+std::unique_ptr<CudaPicture> open_cuda_picture(unsigned texture, const std::string& gl_vendor,
+                                               const SharedMemory& memory);
 
 }  // namespace pgl::viewer

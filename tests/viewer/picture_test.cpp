@@ -1,9 +1,14 @@
 // SPDX-License-Identifier: MIT
 // A picture that is drawn in tiles, and brought together from those of several ranks, is the picture drawn at once.
+#include <fcntl.h>
 #include <gtest/gtest.h>
+#include <sys/mman.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <array>
+#include <atomic>
+#include <chrono>
 #include <cstddef>
 #include <cstdint>
 #include <cstdio>
@@ -15,6 +20,8 @@
 #include <span>
 #include <stdexcept>
 #include <string>
+#include <thread>
+#include <tuple>
 #include <vector>
 
 #include "pgl/balance.hpp"
@@ -23,6 +30,7 @@
 #include "pgl/types.hpp"
 #include "viewer/camera.hpp"
 #include "viewer/context.hpp"
+#include "viewer/cuda_picture.hpp"
 #include "viewer/mpirun.hpp"
 #include "viewer/output.hpp"
 #include "viewer/picture_exchange.hpp"
@@ -136,6 +144,106 @@ Image part_of(const Image& image, const Tile& tile) {
   }
   return part;
 }
+
+/// What stands in for CUDA here: memory that processes share, and a renderer that reads and writes the texture. With it
+/// the exchange is tried without a GPU; the tests of the viewer try CUDA itself.
+struct Fake {
+  Renderer* renderer = nullptr;
+  int rank = 0;
+  int failing_rank = -1;
+  enum class Fails { taking_or_opening, copying } fails = Fails::taking_or_opening;
+  std::size_t copies = 0;
+} fake;
+
+void fail_if(Fake::Fails what) {
+  if (fake.rank == fake.failing_rank && fake.fails == what) throw std::runtime_error("as the test wants it");
+}
+
+class FakePicture final : public CudaPicture {
+ public:
+  explicit FakePicture(std::uint64_t pixels) : takes_(true), size_(sizeof(Shared) + 4 * pixels) {
+    static int number = 0;
+    const std::string name = "/pgl_picture_test." + std::to_string(getpid()) + "." + std::to_string(++number);
+    std::copy_n(name.c_str(), name.size() + 1, name_.begin());
+    map(O_CREAT | O_EXCL | O_RDWR);
+    shared_->size = size_;
+  }
+  explicit FakePicture(const SharedMemory& memory) : takes_(false), size_(sizeof(Shared)) {
+    std::memcpy(name_.data(), memory.data(), name_.size());
+    map(O_RDWR);
+    const std::size_t size = shared_->size;
+    munmap(shared_, size_);
+    size_ = size;
+    map(O_RDWR);
+    ++shared_->opened;
+  }
+  ~FakePicture() override {
+    if (takes_) {
+      EXPECT_EQ(shared_->opened, 0) << "freed while others have it open";
+      shm_unlink(name_.data());
+    } else {
+      std::this_thread::sleep_for(std::chrono::milliseconds(10));  // so that who does not wait for it is seen
+      --shared_->opened;
+    }
+    munmap(shared_, size_);
+  }
+  SharedMemory memory() const override {
+    SharedMemory memory;
+    std::memcpy(memory.data(), name_.data(), name_.size());
+    return memory;
+  }
+  void put(const PlacedTile& placed) override {
+    fail_if(Fake::Fails::copying);
+    fake.renderer->read_tile(placed.tile, bytes(placed));
+    ++fake.copies;
+  }
+  void take(std::span<const PlacedTile> tiles) override {
+    EXPECT_TRUE(takes_);
+    for (const PlacedTile& placed : tiles) fake.renderer->write_tile(placed.tile, bytes(placed));
+    fake.copies += tiles.size();
+  }
+
+ private:
+  struct Shared {
+    std::size_t size;
+    std::atomic<int> opened;
+  };
+  void map(int flags) {
+    const int file = shm_open(name_.data(), flags, 0600);
+    if (file < 0 || (takes_ && ftruncate(file, static_cast<off_t>(size_)) != 0)) throw std::runtime_error("no memory");
+    void* data = mmap(nullptr, size_, PROT_READ | PROT_WRITE, MAP_SHARED, file, 0);
+    close(file);
+    if (data == MAP_FAILED) throw std::runtime_error("no memory");
+    shared_ = static_cast<Shared*>(data);
+  }
+  std::span<std::byte> bytes(const PlacedTile& placed) {
+    const std::size_t begin = sizeof(Shared) + 4 * placed.pixel;
+    EXPECT_LE(begin + bytes_of(placed.tile), size_);
+    return {reinterpret_cast<std::byte*>(shared_) + begin, bytes_of(placed.tile)};
+  }
+
+  bool takes_;
+  std::size_t size_;
+  std::array<char, std::tuple_size_v<SharedMemory>> name_{};
+  Shared* shared_ = nullptr;
+};
+
+}  // namespace
+
+std::unique_ptr<CudaPicture> pgl::viewer::take_cuda_picture(unsigned texture, const std::string&,
+                                                            std::uint64_t pixels) {
+  EXPECT_EQ(texture, fake.renderer->picture());
+  fail_if(Fake::Fails::taking_or_opening);
+  return std::make_unique<FakePicture>(pixels);
+}
+std::unique_ptr<CudaPicture> pgl::viewer::open_cuda_picture(unsigned texture, const std::string&,
+                                                            const SharedMemory& memory) {
+  EXPECT_EQ(texture, fake.renderer->picture());
+  fail_if(Fake::Fails::taking_or_opening);
+  return std::make_unique<FakePicture>(memory);
+}
+
+namespace {
 
 class Pictures : public testing::Test {
  protected:
@@ -271,38 +379,60 @@ TEST_F(Pictures, ASizeBeyondTheDriversIsRefused) {
   }
 }
 
-// Alone, or under mpirun with the others: rank 0's picture is what one rank draws. The only case with ranks, since a
-// process joins the others once.
+// Alone, or under mpirun with the others: rank 0's picture is what one rank draws, whichever way the tiles come. The
+// only case with ranks, since a process joins the others once.
 TEST_F(Pictures, TheTilesOfAllRanksComeTogether) {
+  struct Way {
+    bool cuda;
+    int failing_rank;
+    Fake::Fails fails;
+    const char* how;
+    const char* note;  // on rank 0
+  };
+  constexpr const char* refused = " cannot share memory of the GPU: as the test wants it";
+  const std::array<Way, 5> ways = {{{false, -1, {}, "MPI", ""},
+                                    {true, -1, {}, "CUDA IPC", ""},
+                                    {true, 0, Fake::Fails::taking_or_opening, "MPI", "rank 0"},
+                                    {true, 1, Fake::Fails::taking_or_opening, "MPI", "rank 1"},
+                                    {true, 1, Fake::Fails::copying, "MPI", "rank 1"}}};
   Ranks ranks(60.0);
+  const bool alone = ranks.size() == 1;
   const auto rank = static_cast<std::size_t>(ranks.rank());
   std::uint32_t seed = 0;
   for (const auto& [width, height] : sizes) {
-    renderer_->draw_offscreen(width, height, 4);
-    // Without CUDA, which tests of the viewer ask for where there is a GPU.
-    PictureExchange exchange(ranks, *renderer_, width, height, false);
-    EXPECT_STREQ(exchange.how(), ranks.size() == 1 ? "alone" : "MPI");
-    EXPECT_EQ(exchange.note(), "");
-    for (int frame = 0; frame < 5; ++frame, ++seed) {
-      const Scene scene(seed);
-      const Image at_once = picture_of(scene, width, height, false);
-      (void)picture_of(Scene(seed + 100), width, height, false);  // and is in the picture now
+    for (const Way& way : ways) {
+      fake = {renderer_.get(), ranks.rank(), way.failing_rank, way.fails, 0};
+      renderer_->draw_offscreen(width, height, 4);
+      PictureExchange exchange(ranks, *renderer_, width, height, way.cuda);
+      EXPECT_STREQ(exchange.how(), alone ? "alone" : way.how);
+      const bool noted = !alone && rank == 0 && way.failing_rank >= 0;
+      EXPECT_EQ(exchange.note(),
+                noted ? "the tiles come through MPI, since " + std::string(way.note) + refused : std::string());
+      fake.copies = 0;
+      for (int frame = 0; frame < 5; ++frame) {
+        ranks.broadcast(seed);
+        const Scene scene(seed);
+        const Image at_once = picture_of(scene, width, height, false);
+        (void)picture_of(Scene(seed + 100), width, height, false);  // and is in the picture now
 
-      Random random(seed);
-      std::vector<Tile> tiles = cut(random, width, height, static_cast<std::size_t>(ranks.size()));
-      if (frame == 0) {  // all to one
-        std::ranges::fill(tiles, Tile{});
-        tiles[seed % tiles.size()] = whole(width, height);
+        Random random(seed);
+        std::vector<Tile> tiles = cut(random, width, height, static_cast<std::size_t>(ranks.size()));
+        if (frame == 0) {  // all to one
+          std::ranges::fill(tiles, Tile{});
+          tiles[seed % tiles.size()] = whole(width, height);
+        }
+        renderer_->buffers().upload(scene.vertices, scene.in_tile(tiles[rank], scene.view(width, height)));
+        draw(scene, width, height, false, tiles[rank]);
+        exchange.exchange(tiles);
+        const Image picture = renderer_->read_picture(whole(width, height));
+        if (rank == 0) {
+          EXPECT_EQ(differing(picture, at_once), 0u) << "seed " << seed;
+        } else {
+          EXPECT_EQ(differing(part_of(picture, tiles[rank]), part_of(at_once, tiles[rank])), 0u) << "seed " << seed;
+        }
+        ++seed;
       }
-      renderer_->buffers().upload(scene.vertices, scene.in_tile(tiles[rank], scene.view(width, height)));
-      draw(scene, width, height, false, tiles[rank]);
-      exchange.exchange(tiles);
-      const Image picture = renderer_->read_picture(whole(width, height));
-      if (rank == 0) {
-        EXPECT_EQ(differing(picture, at_once), 0u) << "seed " << seed;
-      } else {
-        EXPECT_EQ(differing(part_of(picture, tiles[rank]), part_of(at_once, tiles[rank])), 0u) << "seed " << seed;
-      }
+      EXPECT_EQ(fake.copies > 0, !alone && std::string(way.how) == "CUDA IPC");
     }
   }
   ranks.agree(HasFailure() ? "not the picture" : "");
