@@ -265,8 +265,8 @@ void study_adapt(const Plant& plant, int cameras) {
   Frame frame(plant);
   Counts unified(n), drawn(n);
   for (const std::string_view mode : {"quality", "exact", "fair"})
-    for (const std::size_t tiles : {1, 2, 4})
-      for (const std::size_t threads : {1, 2, 4}) {
+    for (const std::size_t tiles : {1u, 2u, 4u})
+      for (const std::size_t threads : {1u, 2u, 4u}) {
         if (threads > tiles) continue;
         const bool quality = mode == "quality";
         const UnifyPolicy policy = quality ? UnifyPolicy::quality : UnifyPolicy::performance;
@@ -420,7 +420,7 @@ struct Run {
 void study_flight(const Plant& plant, int frames) {
   std::vector<Run> runs;
   runs.emplace_back(1, 1.0);
-  for (const std::size_t gpus : {2, 4, 8})
+  for (const std::size_t gpus : {2u, 4u, 8u})
     for (const double slow : {1.0, 2.0, 4.0}) runs.emplace_back(gpus, slow);
   Frame frame(plant);
   const int event = frames / 3;
@@ -477,12 +477,12 @@ void study_flight(const Plant& plant, int frames) {
 
 void study_trade(const Plant& plant, int cameras) {
   std::vector<pgl::BalanceOptions> ways;
-  for (const std::uint32_t bins : {0, 8, 32, 128, 512}) ways.push_back({.bins = bins});
+  for (const std::uint32_t bins : {0u, 8u, 32u, 128u, 512u}) ways.push_back({.bins = bins});
   for (const float lbt : {0.0f, 0.01f, 0.03f, 0.1f, 0.3f})
     ways.push_back({.policy = pgl::BalancePolicy::bisection, .threshold = lbt});
   pgl::bench::set_threads(1);
   Frame frame(plant);
-  for (const std::size_t gpus : {2, 4, 16, 64}) {
+  for (const std::size_t gpus : {2u, 4u, 16u, 64u}) {
     std::vector<double> ms(ways.size()), imbalance(ways.size()), more(ways.size());
     for (int camera = 0; camera < cameras; ++camera) {
       frame.look((camera + 0.5) / cameras);

@@ -444,7 +444,8 @@ def picture(tables, measured):
     parts = [
         write(left[0], 32, "Tiles on a flight, and what is left of N GPUs", 20, weight="bold"),
         write(left[0], 56, f"Left: {frames[0]['gpus']:.0f} simulated GPUs; from frame {event:.0f} on the first one is "
-              f"slower by {frames[0]['slow']:g}. Right: predicted, model and budget grow with N; dots: without drawing"),
+              f"slower by {frames[0]['slow']:g}. "
+              "Right: predicted, model and budget grow with N; dots: without drawing."),
     ]  # fmt: skip
     more, at_y = axes(*left, "milliseconds of a frame", "frame", range(0, int(last) + 1, max(1, int(last + 1) // 6)),
                       at_frame, top, step, lambda v: f"{v:g}")  # fmt: skip
