@@ -146,8 +146,23 @@ class Times {
   const std::vector<double>& frames_ms() const { return frame_; }
   const std::vector<double>& loads_ms() const { return load_; }
 
+  /// The mean of a step over all frames but the first, which sends everything.
+  static double mean(const std::vector<double>& ms) {
+    return ms.size() < 2 ? 0.0 : std::accumulate(ms.begin() + 1, ms.end(), 0.0) / static_cast<double>(ms.size() - 1);
+  }
+
+  /// Means of what several ranks are compared by; see report().
+  std::vector<std::pair<std::string, double>> means() const {
+    std::vector<std::pair<std::string, double>> ms;
+    for (std::size_t i = 0; i < steps.size(); ++i) ms.emplace_back(steps[i].name, mean(steps_[i]));
+    ms.emplace_back("draw", mean(draw_));
+    ms.emplace_back("pictures", mean(pictures_));
+    ms.emplace_back("frame", mean(frame_));
+    return ms;
+  }
+
   /// Appends the medians: of the steps, if they were `timed`, without those that no frame needed; of drawing and of
-  /// whole frames, the worst frame, and the mean of all but the first, which sends everything.
+  /// whole frames, and the worst frame.
   void report(bool timed, std::vector<std::pair<std::string, double>>& ms) {
     for (std::size_t i = 0; timed && i < steps.size(); ++i) {
       const bool taken = std::ranges::any_of(steps_[i], [](double time) { return time > 0.0; });
@@ -158,9 +173,6 @@ class Times {
     std::vector<double> frames = frame_;
     ms.emplace_back("frame", median(frames));
     ms.emplace_back("worst frame", frames.empty() ? 0.0 : *std::ranges::max_element(frames));
-    if (frame_.size() < 2) return;
-    const double sum = std::accumulate(frame_.begin() + 1, frame_.end(), 0.0);
-    ms.emplace_back("mean frame", sum / static_cast<double>(frame_.size() - 1));
   }
 
  private:
@@ -338,9 +350,10 @@ void show(const Options& options, const FrameModel<Index>& from, scene::ModelFil
   const int last_frame = options.frames > 0 ? options.frames : window == nullptr ? 1 : 0;
   Times times;
   Imbalance imbalance;
-  Pace pace(options.distribution, options.threshold, options.lod, options.frame_time,
-            options.tiles.mode == TileMode::measured, ranks.size(), ranks.rank());
-  pace.set_budget(state.budget);
+  BudgetOptions first = options.distribution;
+  first.budget = state.budget;
+  Pace pace(first, options.threshold, options.lod, options.frame_time, options.tiles.mode == TileMode::measured,
+            ranks.size(), ranks.rank());
   const std::vector<Tile> one_tile = {whole(width, height)};
   const auto tiles = [&]() -> const std::vector<Tile>& { return shared ? frame->tiles() : one_tile; };
   const auto own_tile = [&] { return tiles()[static_cast<std::size_t>(ranks.rank())]; };
@@ -355,7 +368,9 @@ void show(const Options& options, const FrameModel<Index>& from, scene::ModelFil
   for (int done = 0;; ++done) {
     if (window != nullptr) {
       const bool still = done > 0 && last_frame == 0 && !options.orbit && !options.fly;
-      if (!window->handle_events(still && !shared)) stop = true;
+      // Others are not kept waiting for people.
+      const double most_seconds = !still || ranks.rank() != 0 ? 0.0 : shared ? 1.0 : 1e6;
+      if (!window->handle_events(most_seconds)) stop = true;
     }
     if (ranks.rank() == 0) {
       order.go = !stop && (last_frame == 0 || done < last_frame);
@@ -477,6 +492,7 @@ void show(const Options& options, const FrameModel<Index>& from, scene::ModelFil
     report.culled_occlusion = none(selection.visible) - report.culled_frustum;
     report.occluders = selection.occluders.size();
     times.report(!options.stream.overlap, report.ms);
+    report.mean_ms = times.means();
     report.width = width;
     report.height = height;
     report.samples = renderer->samples();
@@ -498,9 +514,11 @@ void show(const Options& options, const FrameModel<Index>& from, scene::ModelFil
     if (!options.stats.empty()) report.drawn_checksum = renderer->buffers().checksum();
   });
   if (shared) report.ranks = ranks.gather_texts(to_json(report));
+  exchange.reset();
+  if (!wall) ranks.leave();  // what rank 0 writes may take long
 
   std::vector<PendingFile> files;
-  together(ranks, [&] {
+  const auto encode = [&] {
     if (!options.output.empty() && (ranks.rank() == 0 || wall)) {
       if (window != nullptr && !offscreen && report.frames > 0) {
         renderer->draw(order.view, order.camera, extent, order.wireframe);
@@ -515,11 +533,22 @@ void show(const Options& options, const FrameModel<Index>& from, scene::ModelFil
       files.push_back({"--reference", options.reference, encode_png("--reference", image)});
     }
     if (file != nullptr) file->check();  // that the last frame drew no zeros instead of what is gone
-  });
-  together(ranks, [&] { write_files(files); });
+  };
+  if (wall) {
+    together(ranks, encode);
+    together(ranks, [&] { write_files(files); });
+  } else {
+    encode();
+    write_files(files);
+  }
 }
 
 void run(const Options& options, Ranks& ranks) {
+  if (ranks.size() > 1 && options.stream.overlap) {
+    together(ranks, [] {
+      throw std::runtime_error("--overlap: is for one GPU: several wait for each other after every frame");
+    });
+  }
   if (options.tiles.mode == TileMode::wall &&
       options.tiles.columns * options.tiles.rows != static_cast<std::uint32_t>(ranks.size())) {
     together(ranks, [&] {
@@ -529,11 +558,11 @@ void run(const Options& options, Ranks& ranks) {
     });
   }
 #if defined(_OPENMP)
-  if (options.threads > 0) {
-    omp_set_num_threads(options.threads);
-  } else if (ranks.size() > 1) {
-    omp_set_num_threads(std::max(1, omp_get_max_threads() / ranks.local_size()));
-  }
+  // Where a file is read ahead, a core is left for it: the frame's threads wait for each other, and so for any that has
+  // to share its own.
+  const int others = options.preprocessed && options.prefetch ? 1 : 0;
+  const int threads = omp_get_max_threads() / ranks.local_size() - others;
+  omp_set_num_threads(options.threads > 0 ? options.threads : std::max(1, threads));
 #endif
   Report report;
   report.threads = host::thread_count();
@@ -624,7 +653,7 @@ int fail(const char* message, int code) {
 }  // namespace pgl::viewer
 
 /// Exit codes: 0 done, 1 failed, 2 impossible options, 3 nothing to draw with on this machine. Of several ranks one
-/// tells.
+/// tells and has the code.
 int main(int argc, char** argv) {
   using namespace pgl::viewer;
   const int rank = Ranks::rank_of_environment();
@@ -632,7 +661,7 @@ int main(int argc, char** argv) {
   try {
     options = parse_options(argc, argv, rank);
   } catch (const std::exception& error) {
-    return rank == 0 ? fail(error.what(), 2) : 2;
+    return rank == 0 ? fail(error.what(), 2) : 0;
   }
   if (!options) return 0;
   std::optional<Ranks> ranks;
@@ -642,13 +671,10 @@ int main(int argc, char** argv) {
   };
   try {
     ranks.emplace(options->patience);
-    if (ranks->size() > 1 && options->stream.overlap) {
-      throw std::runtime_error("--overlap: is for one GPU: several wait for each other after every frame");
-    }
     run(*options, *ranks);
     return 0;
   } catch (const EndedElsewhere&) {
-    return 1;
+    return 0;  // mpirun ends the others as soon as one fails: rank 0 tells first
   } catch (const Agreed& error) {
     return fail(error.what(), 1);
   } catch (const NoContext& error) {

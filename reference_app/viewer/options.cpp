@@ -245,6 +245,10 @@ std::optional<Options> parse_options(int argc, const char* const* argv, int rank
   } else {
     refuse_given({threshold}, "is for --lod error");
   }
+  if (options.tiles.columns > static_cast<std::uint32_t>(options.width) ||
+      options.tiles.rows > static_cast<std::uint32_t>(options.height)) {
+    refuse("--wall", "has more screens than --size has pixels");
+  }
   if (wall->count() > 0) refuse_given({tiles, balance, lbt, bins}, "is for one picture, and --wall makes several");
   if (options.tiles.mode == TileMode::equal) refuse_given({balance, lbt, bins}, "is for tiles that follow the load");
   if (options.tiles.balance.policy != BalancePolicy::bisection) refuse_given({lbt}, "is for --balance bisection");
@@ -264,26 +268,33 @@ std::optional<Options> parse_options(int argc, const char* const* argv, int rank
     refuse("--prefetch", "is for a .pgl file, and none is given");
   }
   struct Written {
-    const CLI::Option* option;
-    const std::string& path;
-    bool picture;
+    std::string name, path;
   };
-  if (options.tiles.mode == TileMode::wall && options.output.ends_with(".png")) {
-    options.output.insert(options.output.size() - 4, "-" + std::to_string(rank));
-  }
-  const std::array<Written, 3> written = {
-      {{output, options.output, true}, {reference, options.reference, true}, {stats, options.stats, false}}};
-  for (auto file = written.begin(); file != written.end(); ++file) {
-    if (file->option->count() == 0) continue;
-    const std::string name = file->option->get_name();
-    if (file->picture && !file->path.ends_with(".png")) refuse(name, "'" + file->path + "' does not end in .png");
-    if (rank == 0 || options.tiles.mode == TileMode::wall) check_writable(name, file->path);
-    for (auto other = written.begin(); other != file; ++other) {
-      if (other->option->count() > 0 && real_path(other->path) == real_path(file->path)) {
-        refuse(name, "'" + file->path + "' is " + other->option->get_name() + "'s file");
-      }
+  std::vector<Written> written;
+  const auto add_written = [&](const CLI::Option* option, const std::string& path, bool is_picture) {
+    if (option->count() == 0) return;
+    const std::string name = option->get_name();
+    if (is_picture && !path.ends_with(".png")) refuse(name, "'" + path + "' does not end in .png");
+    if (rank == 0) check_writable(name, path);
+    for (const Written& other : written) {
+      if (real_path(other.path) == real_path(path)) refuse(name, "'" + path + "' is " + other.name + "'s file");
     }
+    written.push_back({name, path});
+  };
+  if (options.tiles.mode == TileMode::wall) {
+    const auto file_of = [&](std::uint32_t screen) {
+      std::string file = options.output;
+      if (file.ends_with(".png")) file.insert(file.size() - 4, "-" + std::to_string(screen));
+      return file;
+    };
+    const std::uint32_t screens = options.tiles.columns * options.tiles.rows;
+    for (std::uint32_t screen = 0; screen < screens; ++screen) add_written(output, file_of(screen), true);
+    options.output = file_of(static_cast<std::uint32_t>(rank));
+  } else {
+    add_written(output, options.output, true);
   }
+  add_written(reference, options.reference, true);
+  add_written(stats, options.stats, false);
   return options;
 }
 

@@ -69,8 +69,8 @@ struct Options {
 };
 
 /// Reads the command line. Prints help or version, if rank is 0, and returns nothing when they were asked for. Files
-/// are written by rank 0, and of a wall by each: --output FILE.png is then FILE-RANK.png. Throws std::runtime_error
-/// with one line that names the option.
+/// are written by rank 0, and of a wall by each: --output FILE.png is then FILE-RANK.png; rank 0 tries all of them.
+/// Throws std::runtime_error with one line that names the option.
 std::optional<Options> parse_options(int argc, const char* const* argv, int rank);
 
 }  // namespace pgl::viewer
