@@ -170,14 +170,6 @@ struct Ranks::Mpi {
     worked_from = Clock::now();
   }
 
-  /// This one is well, though it does not wait for anybody.
-  void still_here() {
-    begin_wait(Clock::now());
-    hear(false);
-    tell(waits_for_nobody);
-    worked_from = Clock::now();
-  }
-
   /// Waits until all say that they leave. That is the last note of everybody, so none is on its way then.
   void leave() {
     const Clock::time_point begin = Clock::now();
@@ -368,14 +360,15 @@ Ranks::Ranks(double patience_seconds) {
 Ranks::~Ranks() {
   if (!mpi_ || (std::uncaught_exceptions() > mpi_->exceptions && !mpi_->agreed_to_end)) return;
   try {
-    mpi_->leave();
+    leave();
   } catch (const std::exception& error) {
     abort(error.what(), 1);
   }
 }
 
-void Ranks::still_here() {
-  if (mpi_) mpi_->still_here();
+void Ranks::leave() {
+  if (mpi_) mpi_->leave();
+  mpi_.reset();
 }
 
 void Ranks::broadcast_bytes(std::span<std::byte> value) {
@@ -465,7 +458,7 @@ Ranks::Ranks(double) {
   if (size > 1) refuse("mpirun started " + std::to_string(size) + " ranks, this pgl_viewer was built without MPI");
 }
 Ranks::~Ranks() = default;
-void Ranks::still_here() {}
+void Ranks::leave() {}
 void Ranks::broadcast_bytes(std::span<std::byte>) {}
 void Ranks::gather_bytes(std::span<const std::byte> own, std::span<std::byte> all) {
   std::ranges::copy(own, all.begin());
@@ -499,6 +492,8 @@ void Ranks::agree(const std::string& failure) {
 
 void Ranks::abort(const std::string& why, int code) {
   std::fflush(stdout);
+  // What all meet at about the same time, rank 0 tells: it ends the others meanwhile.
+  std::this_thread::sleep_for(std::chrono::milliseconds(500 * std::min(rank_, 4)));
   scene::tell("pgl_viewer", mpi_ ? "rank " + std::to_string(rank_) + ": " + why : why);
   std::fflush(stderr);
 #if defined(PGL_VIEWER_MPI)
