@@ -83,7 +83,7 @@ def measure(arguments):
             row = {"name": title, "ranks": ranks, "options": " ".join(options), "pictures": stats.get("pictures", ""),
                    "imbalance": stats.get("imbalance", {}), "gpu": stats["backend"]["gpu"],
                    "interop": stats["backend"]["interop"],
-                   "each": [{"ms": r["ms"], "triangles": r["drawn"]["triangles"], "vertices": r["drawn"]["vertices"],
+                   "each": [{"ms": r["mean_ms"], "triangles": r["drawn"]["triangles"], "vertices": r["drawn"]["vertices"],
                              "budget": r["budget"], "weight": r.get("weight", 0), "tile": r.get("tile", []),
                              "sent": sum(f["bytes"] for f in r["stream"]["sent"][1:]) // max(1, len(r["stream"]["sent"]) - 1)}
                             for r in each]}  # fmt: skip
@@ -91,9 +91,9 @@ def measure(arguments):
             if kind != "time":
                 row["same_picture"] = pictures.setdefault(kind, picture) == picture
             rows.append(row)
-            frame = max(r["ms"]["mean frame"] for r in each)
+            frame = max(r["mean_ms"]["frame"] for r in each)
             print(f"{title:32} {frame:9.3f} ms  {row['imbalance']}  same: {row.get('same_picture')}  "
-                  f"{[{k: round(v, 3) for k, v in r['ms'].items()} for r in each]}", flush=True)  # fmt: skip
+                  f"{[{k: round(v, 3) for k, v in r['mean_ms'].items() if v} for r in each]}", flush=True)  # fmt: skip
     return {"commit": arguments.commit, "date": arguments.date, "frames": arguments.frames, "budget": arguments.budget,
             "size": arguments.size, "gpus": arguments.gpus, "objects": stats["objects"],
             "triangles": stats["model"]["triangles"], "runs": rows}  # fmt: skip
@@ -103,12 +103,12 @@ def measure(arguments):
 
 
 def work(row, names):
-    """Of the rank that takes longest: the sum of the steps' medians."""
+    """Of the rank that takes longest: the sum of the steps' means."""
     return max(sum(each["ms"].get(name, 0.0) for name in names) for each in row["each"])
 
 
 def frame(row):
-    return max(each["ms"]["mean frame"] for each in row["each"])
+    return max(each["ms"]["frame"] for each in row["each"])
 
 
 def filled(text):
@@ -149,8 +149,8 @@ def page(figures):
         streamed, drawn with OpenGL. {figures['gpus']} x {one['gpu']}, commit {figures['commit']}, {figures['date']}."""),
         "    pgl_preprocess --objects 718000 --errors -o plant.pgl\n"
         f"    scripts/several.py --viewer pgl_viewer --model plant.pgl --gpus {figures['gpus']}",
-        filled("""Milliseconds are medians over the frames, of the rank that took longest; *frame* is the mean of all
-        frames but the first, waiting included. Selection: culling, projection, budget, and with several ranks tiles
+        filled("""Milliseconds are means of all frames but the first, which sends everything, of the rank that took
+        longest; *frame* includes waiting. Selection: culling, projection, budget, and with several ranks tiles
         and who is in them. Streaming: packing and sending what is new, defragmenting. Building: reform, gather,
         OpenGL's buffers. Pictures: bringing the tiles together, and waiting for the others. *Imbalance* is what the
         largest share of the triangles has above the mean. *Same picture*: the last one, byte for byte, as that of one

@@ -558,10 +558,10 @@ void run(const Options& options, Ranks& ranks) {
     });
   }
 #if defined(_OPENMP)
-  // Where a file is read ahead, a core is left for it: the frame's threads wait for each other, and so for any that has
-  // to share its own.
-  const int others = options.preprocessed && options.prefetch ? 1 : 0;
-  const int threads = omp_get_max_threads() / ranks.local_size() - others;
+  // Where a file is read ahead and there are many cores, one is left for it: the frame's threads wait for each other,
+  // and so for any that has to share its own.
+  int threads = omp_get_max_threads() / ranks.local_size();
+  if (options.preprocessed && options.prefetch && threads >= 8) --threads;
   omp_set_num_threads(options.threads > 0 ? options.threads : std::max(1, threads));
 #endif
   Report report;

@@ -31,8 +31,9 @@ class Ranks {
   /// Joins the others. Throws std::runtime_error where mpirun started several and this program was built without MPI,
   /// or MPI cannot be had.
   explicit Ranks(double patience_seconds);
-  /// Leaves: at the end of a run that went well, or after agree() threw. Where another exception passes, the others
-  /// may wait for what never comes: then this does not leave, and mpirun ends them when the process exits.
+  /// Leaves, unless that was done: at the end of a run that went well, or after agree() threw. Where another exception
+  /// passes, the others may wait for what never comes: then this does not leave, and mpirun ends them when the process
+  /// exits.
   ~Ranks();
   Ranks(const Ranks&) = delete;
   Ranks& operator=(const Ranks&) = delete;
@@ -45,10 +46,6 @@ class Ranks {
   int local_rank() const { return local_rank_; }  ///< among those on this machine
   int local_size() const { return local_size_; }
   bool on_one_machine() const { return local_size_ == size_; }
-
-  /// Tells those who wait for this one that it lives, as often as it is called: from rank 0, every second while it
-  /// itself waits for people. Any call that waits does the same.
-  void still_here();
 
   /// By all: gives everybody rank 0's value.
   template <class T>
@@ -81,6 +78,9 @@ class Ranks {
   /// std::runtime_error with the first failure's text (and its rank, if only some failed or it is not that of rank 0),
   /// elsewhere EndedElsewhere. So one line is told, and all leave in order.
   void agree(const std::string& failure);
+
+  /// By all: the last call but abort(). What is done after it keeps nobody waiting.
+  void leave();
 
   /// Ends all ranks at once, with one line on stderr that begins with pgl_viewer and, with several, this rank: for what
   /// goes wrong between two agree()s. Alone, only tells and exits. Never returns.

@@ -18,6 +18,8 @@ std::string to_json(const Report& report) {
   auto vector = [](const glm::dvec3& v) { return Json::array({v.x, v.y, v.z}); };
   Json ms = Json::object();
   for (const auto& [step, time] : report.ms) ms[step] = time;
+  Json mean_ms = Json::object();
+  for (const auto& [step, time] : report.mean_ms) mean_ms[step] = time;
   const auto hex = [](std::uint64_t number) {
     char text[17];
     std::snprintf(text, sizeof text, "%016llx", static_cast<unsigned long long>(number));
@@ -59,6 +61,7 @@ std::string to_json(const Report& report) {
                    {"triangles", report.memory.triangles}}}}},
                {"file", {{"bytes", report.file_bytes}, {"bytes_read", report.file_bytes_read}}},
                {"ms", ms},
+               {"mean_ms", mean_ms},
                {"frame_ms", report.frame_ms},
                {"load_ms", report.load_ms},
                {"frames", report.frames},

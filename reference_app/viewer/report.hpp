@@ -26,11 +26,12 @@ struct Report {
   std::vector<std::uint64_t> checksums;  ///< of every frame, or none
   std::uint64_t culled_frustum = 0, culled_occlusion = 0;
   std::uint64_t occluders = 0;
-  MemoryPlan memory;                                  ///< of streamed frames
-  std::vector<Sent> sent;                             ///< by every frame, where frames are streamed
-  std::uint64_t file_bytes = 0, file_bytes_read = 0;  ///< of the model file, if there is one; read: what was checked
-  std::vector<double> frame_ms, load_ms;              ///< of every frame, with `checksums` only
-  std::vector<std::pair<std::string, double>> ms;     ///< per step, in the order of the work
+  MemoryPlan memory;                                    ///< of streamed frames
+  std::vector<Sent> sent;                               ///< by every frame, where frames are streamed
+  std::uint64_t file_bytes = 0, file_bytes_read = 0;    ///< of the model file, if there is one; read: what was checked
+  std::vector<double> frame_ms, load_ms;                ///< of every frame, with `checksums` only
+  std::vector<std::pair<std::string, double>> ms;       ///< per step, in the order of the work
+  std::vector<std::pair<std::string, double>> mean_ms;  ///< of all frames but the first
   int width = 0, height = 0, samples = 0, frames = 0;
   std::size_t threads = 0;
   Camera camera;

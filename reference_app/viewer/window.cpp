@@ -125,11 +125,11 @@ bool Window::fly() {
   return true;
 }
 
-bool Window::handle_events(bool wait) {
-  if (fly() || !wait) {
+bool Window::handle_events(double most_seconds) {
+  if (fly() || !(most_seconds > 0.0)) {
     glfwPollEvents();
   } else {
-    glfwWaitEvents();
+    glfwWaitEventsTimeout(most_seconds);
     last_time_ = glfwGetTime();
   }
   return glfwWindowShouldClose(window_) == GLFW_FALSE;

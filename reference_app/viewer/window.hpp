@@ -40,9 +40,9 @@ class Window {
   /// `scene_size` scales the steps of flying, `largest_budget` is where the budget keys stop.
   void show(WindowState& state, double scene_size, std::uint64_t largest_budget);
 
-  /// Handles what came in since the last call; if nothing moves, first waits for something to come, unless `wait` is
-  /// false. Returns false when the window is to be closed.
-  bool handle_events(bool wait);
+  /// Handles what came in since the last call; if nothing moves, first waits for something to come, at most so many
+  /// seconds. Returns false when the window is to be closed.
+  bool handle_events(double most_seconds);
 
   void set_title(const std::string& title);
   void size(int& width, int& height) const;  ///< in pixels

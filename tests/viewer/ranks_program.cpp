@@ -105,7 +105,6 @@ void all_calls(Ranks& ranks) {
       }
     }
   }
-  ranks.still_here();
   ranks.agree("");
 }
 
@@ -166,13 +165,10 @@ void run(double patience, const std::string& mode, int culprit, const std::strin
     sleep_for(is_culprit ? 3.0 : 1.0);
     ranks.agree("");
     std::printf("waited\n");
-  } else if (mode == "idle") {  // the culprit waits for people
-    for (int i = 0; is_culprit && i < 8; ++i) {
-      sleep_for(0.4);
-      ranks.still_here();
-    }
-    ranks.agree("");
-    std::printf("waited\n");
+  } else if (mode == "leave") {  // what the culprit does after it may take long
+    ranks.leave();
+    sleep_for(is_culprit ? 4.0 : 0.0);
+    std::printf("left\n");
   } else if (mode == "refuse") {  // the culprit and all after it, together
     ranks.agree("");
     const bool fails = ranks.rank() >= culprit;

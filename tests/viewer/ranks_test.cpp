@@ -113,8 +113,8 @@ TEST_F(Ranks, AreWaitedForAsLongAsTheWorkIs) {
   EXPECT_EQ(outcome.out.size(), 3u);
 }
 
-TEST_F(Ranks, AreWaitedForWhileTheySayThatTheyLive) {
-  const Outcome outcome = run(3, "1 idle 0");
+TEST_F(Ranks, KeepNobodyWaitingOnceTheyLeft) {
+  const Outcome outcome = run(3, "1 leave 0");
   EXPECT_EQ(outcome.code, 0);
   EXPECT_EQ(outcome.out.size(), 3u);
 }
