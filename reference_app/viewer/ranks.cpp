@@ -146,13 +146,14 @@ struct Ranks::Mpi {
 
   /// Until all these messages are through.
   void wait() {
-    const Clock::time_point begin = Clock::now();
+    Clock::time_point begin = Clock::now();
     const double limit = begin_wait(begin);
     Clock::time_point last_note = begin;
     hear(false);
     for (int polls = 0; !all_done(); ++polls) {
       const Clock::time_point now = pause(polls, begin);
       if (seconds_between(last_note, now) < 0.25) continue;
+      if (seconds_between(last_note, now) > 1.0) begin = now;  // this one was stopped itself: nobody else is to blame
       last_note = now;
       hear(true);
       std::set<int> awaited, missing;
