@@ -84,7 +84,7 @@ def measure(arguments):
                    "imbalance": stats.get("imbalance", {}), "gpu": stats["backend"]["gpu"],
                    "interop": stats["backend"]["interop"],
                    "each": [{"ms": r["mean_ms"], "triangles": r["drawn"]["triangles"], "vertices": r["drawn"]["vertices"],
-                             "budget": r["budget"], "weight": r.get("weight", 0), "tile": r.get("tile", []),
+                             "budget": r["budget"], "gpu": r["backend"]["gpu"], "weight": r.get("weight", 0), "tile": r.get("tile", []),
                              "sent": sum(f["bytes"] for f in r["stream"]["sent"][1:]) // max(1, len(r["stream"]["sent"]) - 1)}
                             for r in each]}  # fmt: skip
             kind = "error" if "error" in options else "time" if "--frame-time" in options else "budget"
@@ -146,7 +146,7 @@ def page(figures):
         "# Several GPUs, one picture",
         filled(f"""A flight of {figures['frames']} frames through the plant of {figures['objects']:,} objects and
         {figures['triangles']:,} triangles, N = {figures['budget']:,} vertices, {figures['size']} pixels, every frame
-        streamed, drawn with OpenGL. {figures['gpus']} x {one['gpu']}, commit {figures['commit']}, {figures['date']}."""),
+        streamed, drawn with OpenGL. {figures['gpus']} x {one['gpu'].split(',')[0]}, commit {figures['commit']}, {figures['date']}."""),
         "    pgl_preprocess --objects 718000 --errors -o plant.pgl\n"
         f"    scripts/several.py --viewer pgl_viewer --model plant.pgl --gpus {figures['gpus']}",
         filled("""Milliseconds are means of all frames but the first, which sends everything, of the rank that took

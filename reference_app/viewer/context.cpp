@@ -57,7 +57,9 @@ OffscreenContext::OffscreenContext(int cuda_device) {
   if (!epoxy_has_egl()) throw NoContext("cannot draw offscreen: libEGL is not installed");
   const char* client = eglQueryString(EGL_NO_DISPLAY, EGL_EXTENSIONS);
   if (!has_extension(client, "EGL_EXT_platform_base")) throw NoContext("cannot draw offscreen: libEGL is too old");
-  if (has_extension(client, "EGL_EXT_platform_device") && has_extension(client, "EGL_EXT_device_query")) {
+  // Some drivers tell of both halves of device_base, some of the whole.
+  if (has_extension(client, "EGL_EXT_platform_device") &&
+      (has_extension(client, "EGL_EXT_device_query") || has_extension(client, "EGL_EXT_device_base"))) {
     std::array<EGLDeviceEXT, 16> devices{};
     EGLint count = 0;
     if (eglQueryDevicesEXT(static_cast<EGLint>(devices.size()), devices.data(), &count) != EGL_TRUE) count = 0;

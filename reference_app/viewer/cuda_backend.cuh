@@ -187,7 +187,9 @@ class CudaBackend {
     must(cudaGetDeviceProperties(&properties, device), "asking for the device");
     free_at_first_ = free_bytes();
     info_.name = "cuda";
-    info_.gpu = properties.name;
+    char bus[32] = "";
+    must(cudaDeviceGetPCIBusId(bus, sizeof bus, device), "asking for the device");
+    info_.gpu = properties.name + std::string(", ") + bus;
     const cudaError_t error = shares ? try_to_share() : cudaErrorNotSupported;
     info_.interop = error == cudaSuccess;
     if (!info_.interop) {

@@ -73,7 +73,7 @@ struct Selection {
 /// What prepares the frames.
 struct BackendInfo {
   std::string name;      ///< host, cuda
-  std::string gpu;       ///< the name of the device, empty on the host
+  std::string gpu;       ///< the device's name and its place on the PCI bus, empty on the host
   bool interop = false;  ///< frames are written straight into OpenGL's buffers
   std::string note;      ///< what the person at the screen should know, or empty
 };

@@ -346,6 +346,13 @@ void show(const Options& options, const FrameModel<Index>& from, scene::ModelFil
     prefetcher.emplace(*file, model, options.min_triangles);
   }
   note(ranks, info.note);
+  if (cuda && ranks.on_one_machine()) {
+    std::vector<std::string> gpus = ranks.gather_texts(info.gpu);
+    std::ranges::sort(gpus);
+    if (const auto same = std::ranges::adjacent_find(gpus); same != gpus.end()) {
+      note(ranks, "several ranks share a GPU: " + *same);
+    }
+  }
   if (exchange) note(ranks, exchange->note());
   const int last_frame = options.frames > 0 ? options.frames : window == nullptr ? 1 : 0;
   Times times;
