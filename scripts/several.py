@@ -175,9 +175,6 @@ def page(figures):
                [" / ".join(f"{each[key]:,}" for each in row["each"]) for key in ("budget", "vertices", "weight")]
                for row in figures["runs"] if row["name"].startswith("performance")]),  # fmt: skip
     ]
-    notes = FIGURES.with_name("several_notes.md")
-    if notes.exists():
-        parts.append(notes.read_text().strip())
     return "\n\n".join(parts) + "\n"
 
 
