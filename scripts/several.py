@@ -26,6 +26,7 @@ PAGE = ROOT / "docs" / "performance" / "several.md"
 SELECTION = ("cull", "project", "budget", "balance", "unify")
 STREAMING = ("limit", "send", "defragment")
 BUILDING = ("reform", "gather", "upload")
+REPEATED = ("one GPU", "equal parts", "balanced, histogram", "balanced, bisection, LBT 0.03", "measured")
 SLOWED = 4  # times that the slowed GPU draws each frame
 
 
@@ -78,12 +79,16 @@ def measure(arguments):
         for title, ranks, options in runs(arguments.gpus):
             if arguments.only and not any(word in title for word in arguments.only):
                 continue
-            stats, picture = fly(arguments, folder, ranks, options)
+            # The frame's time is also that of a busy machine: of three flights the middle one.
+            flights = [fly(arguments, folder, ranks, options) for _ in range(3 if title in REPEATED else 1)]
+            stats, picture = sorted(flights, key=lambda flight: flight[0]["mean_ms"]["frame"])[len(flights) // 2]
+            if any(other[1] != picture for other in flights):
+                raise Wrong(f"{title}: not the same picture every time")
             each = stats.get("ranks", [stats])
             row = {"name": title, "ranks": ranks, "options": " ".join(options), "pictures": stats.get("pictures", ""),
                    "imbalance": stats.get("imbalance", {}), "gpu": stats["backend"]["gpu"],
                    "interop": stats["backend"]["interop"],
-                   "each": [{"ms": r["mean_ms"], "triangles": r["drawn"]["triangles"], "vertices": r["drawn"]["vertices"],
+                   "each": [{"ms": r["mean_ms"], "median_ms": r["ms"], "triangles": r["drawn"]["triangles"], "vertices": r["drawn"]["vertices"],
                              "budget": r["budget"], "gpu": r["backend"]["gpu"], "weight": r.get("weight", 0), "tile": r.get("tile", []),
                              "sent": sum(f["bytes"] for f in r["stream"]["sent"][1:]) // max(1, len(r["stream"]["sent"]) - 1)}
                             for r in each]}  # fmt: skip
@@ -105,6 +110,10 @@ def measure(arguments):
 def work(row, names):
     """Of the rank that takes longest: the sum of the steps' means."""
     return max(sum(each["ms"].get(name, 0.0) for name in names) for each in row["each"])
+
+
+def median_work(row, names):
+    return max(sum(each["median_ms"].get(name, 0.0) for name in names) for each in row["each"])
 
 
 def frame(row):
@@ -153,7 +162,8 @@ def page(figures):
         longest; *frame* includes waiting. Selection: culling, projection, budget, and with several ranks tiles
         and who is in them. Streaming: packing and sending what is new, defragmenting. Building: reform, gather,
         OpenGL's buffers. Pictures: bringing the tiles together, and waiting for the others. *Imbalance* is what the
-        largest share of the triangles has above the mean. *Same picture*: the last one, byte for byte, as that of one
+        largest share of the triangles has above the mean. The runs of the first table are each the middle one of three
+        flights. *Same picture*: the last one, byte for byte, as that of one
         GPU."""),
         "## One GPU, equal parts, balanced ([Peng13] Table 5.1)",
         step_table([named[n] for n in ("one GPU", "equal parts", "balanced, histogram", "balanced, 64 bins",
@@ -161,7 +171,8 @@ def page(figures):
         filled(f"""Balanced against equal parts: {frame(equal) / frame(balanced):.2f} times as many frames, against one GPU
         {frame(one) / frame(balanced):.2f} times (the paper: 1.14 and 1.37). Selection, streaming and building, which pgl
         does: {work(one, lod):.2f} ms on one GPU, {work(balanced, lod):.2f} ms on {figures['gpus']}, {ratio:.2f} times as fast
-        (aim: 1.8). Bytes sent in a frame: {one['each'][0]['sent']:,} on one GPU,
+        (aim: 1.8); by medians of the steps, which frames with much that is new do not show in, {median_work(one, lod):.2f} and
+        {median_work(balanced, lod):.2f} ms. Bytes sent in a frame: {one['each'][0]['sent']:,} on one GPU,
         {' and '.join(f"{each['sent']:,}" for each in balanced['each'])} on {figures['gpus']}."""),
         f"## One GPU slowed: it draws every frame {SLOWED} times ([NC07] Table 2)",
         step_table([named[n] for n in ("slowed: equal parts", "slowed: balanced", "slowed: measured")],

@@ -372,6 +372,7 @@ void show(const Options& options, const FrameModel<Index>& from, scene::ModelFil
   Order order;
   Camera last_camera = state.camera;
   bool stop = false;
+  double waited = 0.0;
   for (int done = 0;; ++done) {
     if (window != nullptr) {
       const bool still = done > 0 && last_frame == 0 && !options.orbit && !options.fly;
@@ -438,9 +439,11 @@ void show(const Options& options, const FrameModel<Index>& from, scene::ModelFil
     } else if (shared) {
       renderer->resolve(own_tile());
     }
-    const std::vector<Taken> taken = ranks.gather(
-        Taken{static_cast<float>(own), renderer->buffers().vertices(), renderer->buffers().triangles(), stop});
+    const std::vector<Taken> taken =
+        ranks.gather(Taken{static_cast<float>(own), static_cast<float>(waited), renderer->buffers().vertices(),
+                           renderer->buffers().triangles(), stop});
     if (shared) pictures = watch.lap();
+    waited = ms.unify + pictures;
     for (const Taken& one : taken) stop = stop || one.stop;
     pace.follow(taken);
     imbalance.add(taken);

@@ -16,7 +16,8 @@ namespace pgl::viewer {
 
 /// How a frame went in one rank.
 struct Taken {
-  float ms = 0.0f;  ///< of its own work, waiting for others left out
+  float ms = 0.0f;      ///< of its own work, waiting for others left out
+  float waited = 0.0f;  ///< of the frame before, milliseconds: telling each other, and waiting for it
   std::uint64_t vertices = 0, triangles = 0;
   bool stop = false;  ///< somebody wants to see no more
 };
@@ -47,13 +48,16 @@ class Pace {
   /// all: by rank, of the same frame.
   void follow(std::span<const Taken> all) {
     const Taken& own = all[rank_];
+    // What comes to every frame, however fast the others are: who waits least waits for nobody.
+    const float shared = std::ranges::min(all, {}, &Taken::waited).waited;
+    const float frame_ms = own.ms + shared;
     if (frame_time_ && lod_ == LodMode::budget) {
       request_.distribution.budget =
-          next_budget(budget_, own.ms, own.vertices, BudgetTarget{.milliseconds = *frame_time_, .least = least_budget},
-                      FeedbackOptions{});
+          next_budget(budget_, frame_ms, own.vertices,
+                      BudgetTarget{.milliseconds = *frame_time_, .least = least_budget}, FeedbackOptions{});
     } else if (frame_time_) {
-      request_.threshold =
-          next_threshold(request_.threshold, own.ms, ThresholdTarget{.milliseconds = *frame_time_}, FeedbackOptions{});
+      request_.threshold = next_threshold(request_.threshold, frame_ms, ThresholdTarget{.milliseconds = *frame_time_},
+                                          FeedbackOptions{});
     }
     if (!weighs_ || all.size() < 2) return;
     std::vector<float> ms(all.size());
