@@ -137,7 +137,7 @@ TEST(AdaptTiles, SelectsForTilesAtTheSameTime) {
   const Threads threads(2);
   pgl::host::AdaptWorkspace workspace;
   Counts counts(4);
-  std::atomic<int> begun = 0, alone = 0;
+  std::atomic<int> begun = 0, alone = 0, elsewhere = 0;
   pgl::host::adapt_tiles(
       rectangles, halves, UnifyPolicy::quality, workspace,
       [&](std::size_t, std::span<const std::uint8_t>, std::span<std::uint32_t> out) {
@@ -146,9 +146,11 @@ TEST(AdaptTiles, SelectsForTilesAtTheSameTime) {
         const auto end = std::chrono::steady_clock::now() + std::chrono::seconds(20);
         while (begun < 2 && std::chrono::steady_clock::now() < end) std::this_thread::yield();
         if (begun < 2) ++alone;
+        if (pgl::host::thread_index() >= pgl::host::thread_count()) ++elsewhere;
       },
       counts);
   EXPECT_EQ(alone, 0);
+  EXPECT_EQ(elsewhere, 0) << "scratch of each thread would not be there";
 }
 
 #endif

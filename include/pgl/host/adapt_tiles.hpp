@@ -70,9 +70,14 @@ BudgetTotals adapt_tiles(std::span<const ScreenBox> rectangles, std::span<const 
   } else {
     parallel_for(tiles.size(), 1, [&](std::size_t tile) {
 #if defined(_OPENMP)
-      omp_set_num_threads(1);  // for what this thread begins in here, no other
-#endif
+#pragma omp parallel num_threads(1)  // in here this thread is number 0, of 1
+      {
+        omp_set_num_threads(1);  // for what it begins in here, no other
+        adapt(tile);
+      }
+#else
       adapt(tile);
+#endif
     });
   }
   return unify(selected, flags, tiles.size(), policy, counts);
