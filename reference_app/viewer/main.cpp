@@ -59,7 +59,8 @@ namespace {
 
 /// What went wrong in some rank, on rank 0: all have heard of it and leave.
 struct Agreed : std::runtime_error {
-  using std::runtime_error::runtime_error;
+  Agreed(const char* why, int exit_code) : std::runtime_error(why), code(exit_code) {}
+  int code;
 };
 
 /// Does what may go wrong in some ranks only: then it does in all. What `work` throws where there is one rank goes
@@ -67,21 +68,29 @@ struct Agreed : std::runtime_error {
 void together(Ranks& ranks, const std::function<void()>& work) {
   if (ranks.size() == 1) return work();
   std::string failure;
+  int code = 0;
+  const auto fails = [&](const char* why, int with) {
+    failure = why;
+    code = with;
+  };
   try {
     work();
   } catch (const EndedElsewhere&) {
     throw;
+  } catch (const NoContext& error) {
+    fails(error.what(), 3);
   } catch (const std::bad_alloc&) {
-    failure = "not enough memory";
+    fails("not enough memory", 1);
   } catch (const std::exception& error) {
-    failure = error.what();
+    fails(error.what(), 1);
   }
+  const std::vector<int> codes = ranks.gather(code);
   try {
     ranks.agree(failure);
   } catch (const EndedElsewhere&) {
     throw;
   } catch (const std::runtime_error& error) {
-    throw Agreed(error.what());
+    throw Agreed(error.what(), *std::ranges::find_if(codes, [](int one) { return one != 0; }));
   }
 }
 
@@ -553,19 +562,16 @@ void show(const Options& options, const FrameModel<Index>& from, scene::ModelFil
   }
 }
 
-void run(const Options& options, Ranks& ranks) {
-  if (ranks.size() > 1 && options.stream.overlap) {
-    together(ranks, [] {
-      throw std::runtime_error("--overlap: is for one GPU: several wait for each other after every frame");
-    });
+/// Why so many ranks cannot do what is asked for, or nothing.
+std::string refusal(const Options& options, std::uint32_t ranks) {
+  const TileOptions& tiles = options.tiles;
+  if (ranks > most_tiles) return "mpirun: at most " + std::to_string(most_tiles) + " ranks draw a picture";
+  if (ranks > 1 && options.stream.overlap) {
+    return "--overlap: is for one GPU: several wait for each other after every frame";
   }
-  if (options.tiles.mode == TileMode::wall &&
-      options.tiles.columns * options.tiles.rows != static_cast<std::uint32_t>(ranks.size())) {
-    together(ranks, [&] {
-      throw std::runtime_error("--wall: " + std::to_string(options.tiles.columns) + "x" +
-                               std::to_string(options.tiles.rows) + " is not drawn by " + std::to_string(ranks.size()) +
-                               " of mpirun");
-    });
+  if (tiles.mode == TileMode::wall && tiles.columns * tiles.rows != ranks) {
+    return "--wall: " + std::to_string(tiles.columns) + "x" + std::to_string(tiles.rows) + " is not drawn by " +
+           std::to_string(ranks) + " of mpirun";
   }
 #if defined(_OPENMP)
   // Where a file is read ahead and there are many cores, one is left for it: the frame's threads wait for each other,
@@ -576,6 +582,10 @@ void run(const Options& options, Ranks& ranks) {
 #endif
   Report report;
   report.threads = host::thread_count();
+  return {};
+}
+
+void run(const Options& options, Ranks& ranks) {
   scene::ProgressLine line;
   const scene::Progress progress = ranks.rank() == 0 ? scene::Progress(std::ref(line)) : scene::Progress();
   const bool errors = options.lod == LodMode::error;
@@ -690,6 +700,9 @@ int main(int argc, char** argv) {
   } catch (const NoContext& error) {
     return end(error.what(), 3);
   } catch (const std::bad_alloc&) {
+    if (const std::string why = refusal(*options, static_cast<std::uint32_t>(ranks->size())); !why.empty()) {
+      return rank == 0 ? fail(why.c_str(), 2) : 0;
+    }
     return end("not enough memory", 1);
   } catch (const std::exception& error) {
     return end(error.what(), 1);

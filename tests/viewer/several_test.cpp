@@ -712,6 +712,16 @@ TEST_F(Several, RefuseWithOneLineAndLeaveNothing) {
 TEST_F(Several, OfADamagedFileOneTells) {
   const std::string good = content_of(plant());
   const Arguments arguments = {"--headless", "--size",   "32x20", "--budget", "all",    "--pet",
+TEST_F(Several, EndWithTheCodeOfOne) {
+  const std::string blind = "__EGL_VENDOR_LIBRARY_FILENAMES=/nowhere ";  // GLVND finds no driver then
+  const Arguments small = {"--headless", "--objects", "20", "--size", "16x9"};
+  EXPECT_EQ(run_several(2, small, blind).code, run_as("env -u DISPLAY -u WAYLAND_DISPLAY " + blind, small).code);
+  EXPECT_EQ(run(with(small, {"--wall", "2x1"})).code, 2);
+  EXPECT_EQ(run_refused(2, with(small, {"--wall", "2x2"})).code, 2);
+  EXPECT_EQ(run_refused(2, with(small, {"--overlap"})).code, 2);
+  EXPECT_EQ(run_refused(2, {"--headless", "none.obj"}).code, 1);
+}
+
                                "0",          "--output", "a.png", "--stats",  "a.json", "bad.pgl"};
   int refused = 0;
   for (const int part : {0, 15, 30, 60, 75, 90}) {  // the header, then tables, vertices, triangles, ...
