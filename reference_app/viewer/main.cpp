@@ -233,12 +233,12 @@ std::string title_of(std::uint64_t budget, std::size_t triangles, double ms) {
 }
 
 template <class Index>
-std::unique_ptr<AnyFrame> make_frame(const Options& options, const FrameModel<Index>& model, Ranks& ranks,
-                                     Renderer& renderer) {
+std::unique_ptr<AnyFrame> make_frame(const Options& options, const StreamOptions& stream,
+                                     const FrameModel<Index>& model, Ranks& ranks, Renderer& renderer) {
   const FrameOptions frame{.budget = options.budget,
                            .min_triangles = options.min_triangles,
                            .occlusion = options.occlusion,
-                           .stream = options.stream,
+                           .stream = stream,
                            .lod = options.lod,
                            .own_limits = options.frame_time.has_value(),
                            .tiles = options.tiles,
@@ -341,7 +341,16 @@ void show(const Options& options, const FrameModel<Index>& from, scene::ModelFil
     state.budget = options.budget;
     state.wireframe = options.wireframe;
     state.camera = first_camera(options, file != nullptr ? file->up() : scene::UpAxis::not_told, box);
-    frame = make_frame(options, from, ranks, *renderer);
+    frame = make_frame(options, options.stream, from, ranks, *renderer);
+  });
+  // Free memory is each rank's own, but what they choose must be the same: one that streams makes all do so.
+  const bool some_stream = ranks.least(frame->streams() ? 0 : 1) == 0;
+  together(ranks, [&] {
+    if (!some_stream || frame->streams()) return;
+    StreamOptions stream = options.stream;
+    stream.mode = StreamMode::always;
+    frame.reset();  // first, for its memory
+    frame = make_frame(options, stream, from, ranks, *renderer);
   });
   const BackendInfo info = frame->info();
   const bool cuda = info.name == "cuda";
@@ -538,8 +547,8 @@ void show(const Options& options, const FrameModel<Index>& from, scene::ModelFil
 
   std::vector<PendingFile> files;
   const auto encode = [&] {
-    if (!options.output.empty() && (ranks.rank() == 0 || wall)) {
-      if (window != nullptr && !offscreen && report.frames > 0) {
+    if (!options.output.empty() && report.frames > 0 && (ranks.rank() == 0 || wall)) {
+      if (window != nullptr && !offscreen) {
         renderer->draw(order.view, order.camera, extent, order.wireframe);
       }
       files.push_back({"--output", options.output, encode_png("--output", picture())});
@@ -573,6 +582,10 @@ std::string refusal(const Options& options, std::uint32_t ranks) {
     return "--wall: " + std::to_string(tiles.columns) + "x" + std::to_string(tiles.rows) + " is not drawn by " +
            std::to_string(ranks) + " of mpirun";
   }
+  return {};
+}
+
+void run(const Options& options, Ranks& ranks) {
 #if defined(_OPENMP)
   // Where a file is read ahead and there are many cores, one is left for it: the frame's threads wait for each other,
   // and so for any that has to share its own.
@@ -582,10 +595,6 @@ std::string refusal(const Options& options, std::uint32_t ranks) {
 #endif
   Report report;
   report.threads = host::thread_count();
-  return {};
-}
-
-void run(const Options& options, Ranks& ranks) {
   scene::ProgressLine line;
   const scene::Progress progress = ranks.rank() == 0 ? scene::Progress(std::ref(line)) : scene::Progress();
   const bool errors = options.lod == LodMode::error;
@@ -691,18 +700,18 @@ int main(int argc, char** argv) {
   };
   try {
     ranks.emplace(options->patience);
+    if (const std::string why = refusal(*options, static_cast<std::uint32_t>(ranks->size())); !why.empty()) {
+      return rank == 0 ? fail(why.c_str(), 2) : 0;
+    }
     run(*options, *ranks);
     return 0;
   } catch (const EndedElsewhere&) {
     return 0;  // mpirun ends the others as soon as one fails: rank 0 tells first
   } catch (const Agreed& error) {
-    return fail(error.what(), 1);
+    return fail(error.what(), error.code);
   } catch (const NoContext& error) {
     return end(error.what(), 3);
   } catch (const std::bad_alloc&) {
-    if (const std::string why = refusal(*options, static_cast<std::uint32_t>(ranks->size())); !why.empty()) {
-      return rank == 0 ? fail(why.c_str(), 2) : 0;
-    }
     return end("not enough memory", 1);
   } catch (const std::exception& error) {
     return end(error.what(), 1);
