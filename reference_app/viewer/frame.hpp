@@ -53,8 +53,9 @@ class Stopwatch {
 };
 
 /// What each step of a frame took, in milliseconds. Budget: choosing the counts, by whatever rule. Balance: the tiles
-/// and who is in them. Unify: waiting for the other ranks' counts. Load: checking, and so reading, what the frame needs
-/// of a mapped file. Upload: handing the buffers over, to OpenGL and back.
+/// and who is in them. Unify: telling the other ranks what fits and what was chosen, and waiting for them. Load:
+/// checking, and so reading, what the frame needs of a mapped file. Upload: handing the buffers over, to OpenGL and
+/// back.
 struct FrameTimes {
   double cull = 0.0, occluders = 0.0, depth = 0.0, hzm = 0.0, occlusion = 0.0;
   double project = 0.0, budget = 0.0, balance = 0.0, unify = 0.0, load = 0.0, limit = 0.0, send = 0.0;
@@ -97,6 +98,7 @@ class AnyFrame {
   virtual Sent sent() const = 0;                       ///< nothing where nothing is streamed
   virtual MemoryPlan memory() const = 0;               ///< as planned by the first frame
 
+  virtual bool streams() const = 0;  ///< sends what frames need of the model: where it does not fit, or was told to
   virtual BackendInfo info() const = 0;
 };
 
@@ -133,7 +135,8 @@ struct FrameOptions {
 /// Several ranks choose the same counts for all objects, each by itself, since they all have the same input and the
 /// steps the same bits; so they agree on the tiles too, and each goes on with the objects of its own. Only where each
 /// has its own limits (own_limits, a transfer) do they tell each other their counts, and of an object in several tiles
-/// all draw the smallest (unify, UnifyPolicy::performance).
+/// all draw the smallest (unify, UnifyPolicy::performance). If one streams, all must: it has other occluders then, and
+/// tells the others what it sends.
 ///
 /// Backend is a class that has
 /// - Input<T>: an array of the model as the steps read it, made from a std::span<const T> whose elements outlive it;
@@ -196,8 +199,11 @@ class Frame final : public AnyFrame {
     while (stream_) {
       const bool fits = drawn.vertices <= memory_.vertices && drawn.triangles <= memory_.triangles;
       if (!memory_.limit && !fits) make_more_room(drawn);
-      if (!memory_.limit || all_agree(fits)) break;
-      ask_for_less(request, fits, drawn);
+      if (!memory_.limit) break;
+      const bool all_fit = all_agree(fits);
+      if (!all_fit) ask_for_less(request, fits, drawn);
+      if (shared_) ms.unify += lap();
+      if (all_fit) break;
       drawn = choose(view, request, ms, lap);
     }
     if (stream_) drawn = send(options, drawn, ms, lap);
@@ -246,6 +252,7 @@ class Frame final : public AnyFrame {
   const std::vector<Tile>& tiles() const override { return tile_list_; }
   Sent sent() const override { return sent_; }
   MemoryPlan memory() const override { return memory_; }
+  bool streams() const override { return stream_.has_value(); }
   BackendInfo info() const override { return backend_.info(); }
 
  private:
@@ -397,11 +404,13 @@ class Frame final : public AnyFrame {
       ms.unify += lap();
     }
     if (shared_) {
-      if (model_.load_maps) {
-        model_.load_maps(backend_.download(std::span(counts_)));
-        ms.load += lap();
+      if (!fixed_tiles() && !(own_limits_ && alone)) {
+        if (model_.load_maps) {
+          model_.load_maps(backend_.download(std::span(counts_)));
+          ms.load += lap();
+        }
+        lay_out(counts_, loads_);
       }
-      if (!fixed_tiles() && !(own_limits_ && alone)) lay_out(counts_, loads_);
       if (!own_limits_) cut_tiles(view, request);
       backend_.take_unified(std::span(counts_), std::span(in_tile_), std::span(counts_), std::span(own_counts_),
                             totals_.data());
@@ -441,16 +450,16 @@ class Frame final : public AnyFrame {
     backend_.in_tile(std::span(rectangles_), loads, tiles_.data() + ranks_->rank(), std::span(in_tile_));
   }
 
-  /// Of each object the smallest count that a rank has whose tile it touches: 0 where none does.
-  void unify(Array<std::uint32_t>& counts) {
+  /// Gives counts_ the smallest count of each object that a rank has whose tile it touches: 0 where none does.
+  void unify(const Array<std::uint32_t>& own) {
     constexpr UnifyPolicy policy = UnifyPolicy::performance;
-    std::vector<std::uint32_t> keys = backend_.download(std::span(counts));
+    std::vector<std::uint32_t> keys = backend_.download(std::span(own));
     const std::vector<std::uint8_t> touches = backend_.download(std::span(in_tile_));
     host::parallel_for(keys.size(), 4096,
                        [&](std::size_t i) { keys[i] = unify_key(keys[i], touches[i] != 0, policy); });
     ranks_->combine(keys, Ranks::Combine::least);
     host::parallel_for(keys.size(), 4096, [&](std::size_t i) { keys[i] = unified_vertices(keys[i]); });
-    backend_.upload(std::span<const std::uint32_t>(keys), std::span(counts));
+    backend_.upload(std::span<const std::uint32_t>(keys), std::span(counts_));
   }
 
   /// Whether all ranks say so.
@@ -500,7 +509,7 @@ class Frame final : public AnyFrame {
       ms.limit = lap();
       if (shared_) {
         unify(counts);
-        backend_.take_unified(std::span(counts), std::span(in_tile_), std::span(counts), std::span(counts),
+        backend_.take_unified(std::span(counts), std::span(in_tile_), std::span(counts_), std::span(counts),
                               totals_.data());
         ms.unify += lap();
       }

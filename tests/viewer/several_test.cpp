@@ -624,6 +624,9 @@ TEST_F(Several, NoneIsSentMoreThanItMayAndAllArrivesInTheEnd) {
       EXPECT_GT(number(json["ranks"][0]["stream"]["sent"][0]["missing_bytes"]), 0u);
     }
   }
+  const Json nothing = drawn_by(2, with(arguments, {"--transfer", "0"}));
+  ASSERT_FALSE(nothing.is_null());
+  EXPECT_EQ(nothing["drawn"]["objects"], 0) << "what was not sent is not drawn";
 }
 
 TEST_F(Several, WhileDetailArrivesWhatIsOnABorderIsAlike) {
@@ -709,9 +712,6 @@ TEST_F(Several, RefuseWithOneLineAndLeaveNothing) {
   expect_refused_once(run_refused(2, with(small, {"--objects", "20", "--wall", "2x1"})), "a-1.png", {"a-1.png"});
 }
 
-TEST_F(Several, OfADamagedFileOneTells) {
-  const std::string good = content_of(plant());
-  const Arguments arguments = {"--headless", "--size",   "32x20", "--budget", "all",    "--pet",
 TEST_F(Several, EndWithTheCodeOfOne) {
   const std::string blind = "__EGL_VENDOR_LIBRARY_FILENAMES=/nowhere ";  // GLVND finds no driver then
   const Arguments small = {"--headless", "--objects", "20", "--size", "16x9"};
@@ -722,6 +722,9 @@ TEST_F(Several, EndWithTheCodeOfOne) {
   EXPECT_EQ(run_refused(2, {"--headless", "none.obj"}).code, 1);
 }
 
+TEST_F(Several, OfADamagedFileOneTells) {
+  const std::string good = content_of(plant());
+  const Arguments arguments = {"--headless", "--size",   "32x20", "--budget", "all",    "--pet",
                                "0",          "--output", "a.png", "--stats",  "a.json", "bad.pgl"};
   int refused = 0;
   for (const int part : {0, 15, 30, 60, 75, 90}) {  // the header, then tables, vertices, triangles, ...
