@@ -18,7 +18,7 @@ namespace {
 constexpr const char* vertex_shader = R"(
 layout(location = 0) in vec3 position;
 layout(location = 1) in uint object;
-uniform mat4 clip_from_world;
+uniform mat4 clip_from_eye;  // from the world's axes at the eye: far from the world's origin this is more precise
 uniform vec3 eye;
 uniform float scale;  // lengths in the shaders are in sizes of the model
 out Surface {
@@ -26,9 +26,10 @@ out Surface {
   flat uint object;
 } surface;
 void main() {
-  surface.from_eye = (position - eye) * scale;
+  vec3 from_eye = position - eye;
+  surface.from_eye = from_eye * scale;
   surface.object = object;
-  gl_Position = clip_from_world * vec4(position, 1.0);
+  gl_Position = clip_from_eye * vec4(from_eye, 1.0);
 }
 )";
 
@@ -308,7 +309,7 @@ Renderer::Program Renderer::build(Style style) {
                               : style == Style::roles ? "#define ROLES\n"
                                                       : "");
   return {program,
-          glGetUniformLocation(program, "clip_from_world"),
+          glGetUniformLocation(program, "clip_from_eye"),
           glGetUniformLocation(program, "eye"),
           glGetUniformLocation(program, "up"),
           glGetUniformLocation(program, "key"),
@@ -401,9 +402,13 @@ void Renderer::draw_triangles(const Program& program, const View& view, const Ca
   const glm::vec3 key = glm::normalize(0.75 * camera.up - 0.5 * axes.right - 0.55 * axes.forward);
   const glm::vec3 eye(camera.eye), up(camera.up), haze = glm::pow(background, glm::vec3(2.2f));
   const float scale = extent > 1e-37 ? static_cast<float>(1.0 / extent) : 1.0f;
+  // What the steps of a frame compute exactly must not be off by pixels here: tiles have the objects that touch them.
+  glm::dmat4 clip_from_eye(view.clip_from_world);
+  clip_from_eye[3] = clip_from_eye * glm::dvec4(eye, 1.0);
+  const glm::mat4 matrix(clip_from_eye);
 
   glUseProgram(program.name);
-  glUniformMatrix4fv(program.clip_from_world, 1, GL_FALSE, glm::value_ptr(view.clip_from_world));
+  glUniformMatrix4fv(program.clip_from_eye, 1, GL_FALSE, glm::value_ptr(matrix));
   glUniform3fv(program.eye, 1, glm::value_ptr(eye));
   glUniform3fv(program.up, 1, glm::value_ptr(up));
   glUniform3fv(program.key, 1, glm::value_ptr(key));

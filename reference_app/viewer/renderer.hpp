@@ -80,7 +80,7 @@ class Renderer {
  private:
   struct Program {
     unsigned name = 0;
-    int clip_from_world = -1, eye = -1, up = -1, key = -1, haze = -1, haze_start = -1, scale = -1;
+    int clip_from_eye = -1, eye = -1, up = -1, key = -1, haze = -1, haze_start = -1, scale = -1;
   };
   enum class Style { shaded, wireframe, roles };
   static Program build(Style style);
