@@ -331,6 +331,30 @@ TEST_F(Several, DrawThePictureOfOneWhereverTheModelIs) {
   EXPECT_GT(*std::ranges::min_element(colors_), 5u);
 }
 
+TEST_F(Several, DrawThePictureOfOneFarFromTheOrigin) {
+  std::mt19937 random(7);
+  const auto quarter = [&](double reach) {  // floats hold it exactly there
+    return std::floor((random() * 0x1p-31 - 1.0) * reach * 4.0) / 4.0;
+  };
+  for (const int far : {0, 1'000'000}) {
+    std::ostringstream text;
+    for (int i = 0; i < 300; ++i) {
+      const double x = far + quarter(20), y = far + quarter(20), z = quarter(20);
+      text << std::fixed << "o leaf" << i << "\nv " << x << ' ' << y << ' ' << z << "\nv " << x + 1 << ' ' << y << ' '
+           << z << "\nv " << x << ' ' << y + 2 << ' ' << z + 2 << "\nf -3 -2 -1\n";
+    }
+    write(folder_ / "leaves.obj", text.str());
+    for (int camera = 0; camera < (far == 0 ? 1 : 5); ++camera) {
+      std::ostringstream place;
+      place << std::fixed << far + quarter(12) << ',' << far + quarter(12) << ',' << quarter(12) << ',' << far << ','
+            << far << ",0,10";
+      expect_picture_of_one({12}, {"--headless", "--size", "900x600", "--up", "z", "--camera", place.str(), "--budget",
+                                   "all", "--pet", "0", "leaves.obj"});
+    }
+  }
+  EXPECT_GT(*std::ranges::min_element(colors_), 5u);
+}
+
 TEST_F(Several, DrawThePictureOfOneOfAnySize) {
   for (const char* size : {"1x1", "3x1", "1x3", "2x2", "331x1", "5x173"}) {
     expect_picture_of_one({7}, with({"--headless", "--size", size, "--budget", "20000", plant()}, among));
