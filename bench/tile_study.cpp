@@ -250,8 +250,7 @@ double imbalance_of(const Numbers& numbers) {
   return sum > 0.0 ? largest / (sum / static_cast<double>(std::size(numbers))) - 1.0 : 0.0;
 }
 
-// ---- [NC07] Table 1: adapt tiles
-// -------------------------------------------------------------------------------------
+// ---- [NC07] Table 1: adapt tiles ------------------------------------------------------------------------------------
 
 /// What one tile writes to when it selects.
 struct TileScratch {
@@ -363,8 +362,7 @@ void study_adapt(const Plant& plant, int cameras) {
   pgl::bench::set_threads(0);
 }
 
-// ---- [NC07] Table 2: static and dynamic tiles
-// ------------------------------------------------------------------------
+// ---- [NC07] Table 2: static and dynamic tiles -----------------------------------------------------------------------
 
 constexpr double ms_per_triangle = 50e-6;  ///< of a simulated GPU at full speed
 constexpr double ms_constant = 0.5;        ///< and what a frame takes it without a triangle
