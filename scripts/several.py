@@ -159,7 +159,8 @@ def page(figures):
         "    pgl_preprocess --objects 718000 --errors -o plant.pgl\n"
         f"    scripts/several.py --viewer pgl_viewer --model plant.pgl --gpus {figures['gpus']}",
         filled("""Milliseconds are means of all frames but the first, which sends everything, of the rank that took
-        longest; *frame* includes waiting. Selection: culling, projection, budget, and with several ranks tiles
+        longest; *frame* includes waiting, and checking what is read of the file, which has no column; *times*: frames a
+        second over those of the first row. Selection: culling, projection, budget, and with several ranks tiles
         and who is in them. Streaming: packing and sending what is new, defragmenting. Building: reform, gather,
         OpenGL's buffers. Pictures: bringing the tiles together, and waiting for the others. *Imbalance* is what the
         largest share of the triangles has above the mean. The runs of the first table are each the middle one of three
@@ -183,7 +184,8 @@ def page(figures):
         "## Performance: 20 ms a frame, each GPU with a budget of its own",
         table(["", "frame, ms", "budgets at the end", "vertices drawn", "weights"],
               [[row["name"], f"{frame(row):.2f}"] +
-               [" / ".join(f"{each[key]:,}" for each in row["each"]) for key in ("budget", "vertices", "weight")]
+               [" / ".join(f"{each[key]:,}" for each in row["each"]) for key in ("budget", "vertices")] +
+               [" / ".join(f"{each['weight'] / 2**20:.2f}" for each in row["each"]) if row["ranks"] > 1 else ""]
                for row in figures["runs"] if row["name"].startswith("performance")]),  # fmt: skip
     ]
     return "\n\n".join(parts) + "\n"
