@@ -172,16 +172,15 @@ class Times {
 
   /// Appends the medians: of the steps, if they were `timed`, without those that no frame needed; of drawing and of
   /// whole frames, and the worst frame.
-  void report(bool timed, std::vector<std::pair<std::string, double>>& ms) {
+  void report(bool timed, std::vector<std::pair<std::string, double>>& ms) const {
     for (std::size_t i = 0; timed && i < steps.size(); ++i) {
       const bool taken = std::ranges::any_of(steps_[i], [](double time) { return time > 0.0; });
       if (taken || !steps[i].optional) ms.emplace_back(steps[i].name, median(steps_[i]));
     }
     ms.emplace_back("draw", median(draw_));
     if (const double pictures = median(pictures_); pictures > 0.0) ms.emplace_back("pictures", pictures);
-    std::vector<double> frames = frame_;
-    ms.emplace_back("frame", median(frames));
-    ms.emplace_back("worst frame", frames.empty() ? 0.0 : *std::ranges::max_element(frames));
+    ms.emplace_back("frame", median(frame_));
+    ms.emplace_back("worst frame", frame_.empty() ? 0.0 : *std::ranges::max_element(frame_));
   }
 
  private:

@@ -59,7 +59,8 @@ std::optional<Options> parse_options(int argc, const char* const* argv, int rank
       "What decides on an object's vertices: its share of the budget, or its error on the screen [budget]");
   CLI::Option* threshold =
       line.add_number("--threshold", options.threshold, 0.0f, 1e6f, "Pixels that an error may take on the screen [1]");
-  line.add("--frame-time", "Milliseconds of a frame, which the budget or the threshold follows: of each GPU [fixed]",
+  line.add("--frame-time",
+           "Milliseconds that a frame may take: the budget or the threshold of each rank follows its times [fixed]",
            [&](const std::string& text) {
              const auto given = number<double>(text, 0.001, 1e6);
              if (!given) refuse("--frame-time", "needs milliseconds from 0.001 to 1000000, not '" + text + "'");
@@ -130,19 +131,21 @@ std::optional<Options> parse_options(int argc, const char* const* argv, int rank
       "--tiles", options.tiles.mode,
       {{"equal", TileMode::equal}, {"balanced", TileMode::balanced}, {"measured", TileMode::measured}},
       "Of several ranks: parts of the picture as large, that cost as much, or that take as long [balanced]");
-  CLI::Option* wall = line.add("--wall", "A picture of so many screens, each drawn and written or shown by one rank",
-                               [&](const std::string& text) {
-                                 const auto parts = cut(text, 'x');
-                                 const auto columns = number<std::uint32_t>(parts[0], 1u, most_tiles);
-                                 const auto rows = number<std::uint32_t>(parts.back(), 1u, most_tiles);
-                                 if (parts.size() != 2 || !columns || !rows || *columns * *rows > most_tiles) {
-                                   refuse("--wall", "needs COLUMNSxROWS, at most 64 screens, not '" + text + "'");
-                                 }
-                                 options.tiles.mode = TileMode::wall;
-                                 options.tiles.columns = *columns;
-                                 options.tiles.rows = *rows;
-                               })
-                          ->type_name("CxR");
+  CLI::Option* wall =
+      line.add("--wall",
+               "A picture of so many screens, a rank for each, which shows it or writes it: FILE-0.png and so on",
+               [&](const std::string& text) {
+                 const auto parts = cut(text, 'x');
+                 const auto columns = number<std::uint32_t>(parts[0], 1u, most_tiles);
+                 const auto rows = number<std::uint32_t>(parts.back(), 1u, most_tiles);
+                 if (parts.size() != 2 || !columns || !rows || *columns * *rows > most_tiles) {
+                   refuse("--wall", "needs COLUMNSxROWS, at most 64 screens, not '" + text + "'");
+                 }
+                 options.tiles.mode = TileMode::wall;
+                 options.tiles.columns = *columns;
+                 options.tiles.rows = *rows;
+               })
+          ->type_name("CxR");
   CLI::Option* balance = line.add_choice<BalancePolicy>(
       "--balance", options.tiles.balance.policy,
       {{"histogram", BalancePolicy::histogram}, {"bisection", BalancePolicy::bisection}},
@@ -158,7 +161,7 @@ std::optional<Options> parse_options(int argc, const char* const* argv, int rank
              options.patience = *given;
            })
       ->type_name("SECONDS");
-  line.add("--slow", "For measurements: this rank draws every frame so often",
+  line.add("--slow", "For measurements: a rank that draws every frame several times",
            [&](const std::string& text) {
              const auto parts = cut(text, ',');
              const auto which = number<int>(parts[0], 0, 63);

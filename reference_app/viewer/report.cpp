@@ -105,8 +105,9 @@ std::string to_table(const Report& report) {
   line("triangles in the model", grouped(report.model_triangles));
   line("vertices in the model", grouped(report.model_vertices));
   line("budget, vertices", grouped(report.budget));
-  line("vertices drawn", grouped(report.drawn_vertices));
-  line("triangles drawn", grouped(report.drawn_triangles));
+  const std::string here = report.ranks.empty() ? "" : ", rank 0";
+  line("vertices drawn" + here, grouped(report.drawn_vertices));
+  line("triangles drawn" + here, grouped(report.drawn_triangles));
   line("objects drawn", grouped(report.drawn_objects));
   line("culled, frustum", grouped(report.culled_frustum));
   line("culled, occlusion", grouped(report.culled_occlusion));
@@ -142,7 +143,7 @@ std::string to_table(const Report& report) {
   return table;
 }
 
-double median(std::vector<double>& values) {
+double median(std::vector<double> values) {
   if (values.empty()) return 0.0;
   const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
   std::nth_element(values.begin(), middle, values.end());

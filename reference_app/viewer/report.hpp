@@ -54,7 +54,7 @@ std::string to_json(const Report& report);
 /// The table on the terminal.
 std::string to_table(const Report& report);
 
-/// The middle value; 0 of nothing. Reorders its input.
-double median(std::vector<double>& values);
+/// The middle value; 0 of nothing.
+double median(std::vector<double> values);
 
 }  // namespace pgl::viewer

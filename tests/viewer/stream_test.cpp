@@ -460,6 +460,20 @@ TEST_F(Stream, OfAModelFileOnlyWhatFramesNeedIsRead) {
   }
 }
 
+TEST_F(Stream, MeansAreOfAllFramesButTheFirst) {
+  ASSERT_TRUE(preprocess(folder_, {"-o", "plant.pgl", "--objects", "400"}));
+  const Json json = statistics(with(offscreen, {"plant.pgl", "--no-prefetch", "--stream", "always", "--budget", "40000",
+                                                "--fly", "--frames", "7", "--checksums"}));
+  SKIP_WITHOUT_GL(json);
+  for (const char* step : {"load", "frame"}) {
+    const std::vector<double> all = json[std::string(step) + "_ms"].get<std::vector<double>>();
+    ASSERT_EQ(all.size(), 7u);
+    double sum = 0.0;
+    for (std::size_t i = 1; i < all.size(); ++i) sum += all[i];
+    EXPECT_NEAR(json["mean_ms"][step].get<double>(), sum / 6.0, 1e-9 * sum) << step;
+  }
+}
+
 TEST_F(Stream, ADamagedModelFileIsRefusedAndLeavesNothing) {
   ASSERT_TRUE(preprocess(folder_, {"-o", "whole.pgl", "--objects", "40"}));
   const std::string whole = content_of(folder_ / "whole.pgl");
