@@ -532,7 +532,10 @@ class Frame final : public AnyFrame {
 
   /// Plans the memory for a budget, once everything else has been taken: by the steps of a frame that draws nothing.
   void plan(const View& view, FrameRequest request) {
-    planned_ = std::min(request.distribution.budget, all_.vertices);
+    const std::uint64_t budget = request.distribution.budget;
+    // A budget that follows the time of frames rises often, and each time all is sent again: half as much more at once.
+    const std::uint64_t more = memory_.streams && !options_.gpu_memory ? budget / 2 : 0;
+    planned_ = std::min(budget + more, all_.vertices);
     if (!memory_.streams) {
       request.distribution.budget = 0;
       FrameTimes ms;

@@ -390,6 +390,7 @@ void show(const Options& options, const FrameModel<Index>& from, scene::ModelFil
   Camera last_camera = state.camera;
   bool stop = false;
   double waited = 0.0;
+  FrameRequest request = pace.request();  // of the last frame
   for (int done = 0;; ++done) {
     if (window != nullptr) {
       const bool still = done > 0 && last_frame == 0 && !options.orbit && !options.fly;
@@ -428,7 +429,7 @@ void show(const Options& options, const FrameModel<Index>& from, scene::ModelFil
 
     Stopwatch whole_frame;
     pace.set_budget(order.budget);
-    const FrameRequest& request = pace.request();
+    request = pace.request();
     if (prefetcher) {
       Camera next = order.camera;
       if (options.fly || options.orbit) {
@@ -495,8 +496,8 @@ void show(const Options& options, const FrameModel<Index>& from, scene::ModelFil
   }
 
   together(ranks, [&] {
-    report.budget = pace.request().distribution.budget;
-    report.threshold = options.lod == LodMode::error ? pace.request().threshold : 0.0f;
+    report.budget = request.distribution.budget;
+    report.threshold = options.lod == LodMode::error ? request.threshold : 0.0f;
     report.drawn_vertices = renderer->buffers().vertices();
     report.drawn_triangles = renderer->buffers().triangles();
     report.frames = static_cast<int>(times.frames());
@@ -536,7 +537,7 @@ void show(const Options& options, const FrameModel<Index>& from, scene::ModelFil
       report.imbalance = imbalance.mean();
       report.worst_imbalance = imbalance.worst();
       if (report.frames > 0) report.tile = own_tile();
-      report.weight = pace.request().weights[static_cast<std::size_t>(ranks.rank())];
+      report.weight = request.weights[static_cast<std::size_t>(ranks.rank())];
     }
     if (!options.stats.empty()) report.drawn_checksum = renderer->buffers().checksum();
   });

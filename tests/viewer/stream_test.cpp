@@ -773,7 +773,7 @@ TEST_F(StreamBackends, TheMemoryPlannedIsWithinTheLimit) {
   // Half of what it would take beside what is resident.
   const std::uint64_t resident = number(free["stream"]["memory"]["resident"]);
   const std::uint64_t limit = resident + (planned(free) - resident) / 2;
-  const Json limited = told({"--gpu-memory", std::to_string(limit)});
+  const Json limited = told({"--stream", "always", "--gpu-memory", std::to_string(limit)});
   EXPECT_EQ(limited["stream"]["streams"], true);
   EXPECT_LE(planned(limited), limit);
   EXPECT_LE(limited["drawn"]["vertices"], limited["stream"]["memory"]["vertices"]);
