@@ -5,11 +5,9 @@
 #include <meshoptimizer.h>
 
 #include <algorithm>
-#include <chrono>
 #include <cstdio>
 #include <exception>
 #include <filesystem>
-#include <limits>
 #include <string>
 #include <utility>
 #include <vector>
@@ -19,6 +17,7 @@
 #include "pgl/host/reform.hpp"
 #include "scene/import.hpp"
 #include "surface_distance.hpp"
+#include "timing.hpp"
 
 #if defined(_OPENMP)
 #include <omp.h>
@@ -32,20 +31,10 @@ constexpr std::size_t samples = 100000;
 constexpr double shares[] = {0.5, 0.1, 0.01};
 constexpr int repetitions = 5;  ///< of what is timed
 
-double seconds() {
-  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
-}
-
 /// Milliseconds of body(): the least of some, since others share the machine.
 template <class Body>
 double least_ms(Body&& body) {
-  double least = std::numeric_limits<double>::infinity();
-  for (int i = 0; i < repetitions; ++i) {
-    const double start = seconds();
-    body();
-    least = std::min(least, 1e3 * (seconds() - start));
-  }
-  return least;
+  return pgl::bench::least_ms(repetitions, body);
 }
 
 void use_threads([[maybe_unused]] std::size_t threads) {

@@ -7,14 +7,11 @@
 #include <array>
 #include <atomic>
 #include <charconv>
-#include <chrono>
 #include <cmath>
 #include <cstdint>
 #include <cstdio>
-#include <ctime>
 #include <exception>
 #include <filesystem>
-#include <limits>
 #include <optional>
 #include <span>
 #include <stdexcept>
@@ -38,6 +35,7 @@
 #include "scene/import.hpp"
 #include "scene/plant.hpp"
 #include "scene/weld.hpp"
+#include "timing.hpp"
 #include "viewer/camera.hpp"
 
 namespace {
@@ -52,23 +50,10 @@ using pgl::viewer::Camera;
 
 constexpr double path_frames = 600;  ///< of the whole way
 
-/// The time of the processor where the study runs on one thread, since others share the machine; else that of the
-/// clock.
-double seconds() {
-  if (pgl::host::thread_count() == 1) return static_cast<double>(std::clock()) / CLOCKS_PER_SEC;
-  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
-}
-
 /// Milliseconds of body(): the least of some.
 template <class Body>
 double least_ms(int repetitions, Body&& body) {
-  double least = std::numeric_limits<double>::infinity();
-  for (int i = 0; i < repetitions; ++i) {
-    const double start = seconds();
-    body();
-    least = std::min(least, 1e3 * (seconds() - start));
-  }
-  return least;
+  return pgl::bench::least_shared_ms(repetitions, pgl::host::thread_count(), body);
 }
 
 // ---- the way --------------------------------------------------------------------------------------------------------

@@ -5,11 +5,9 @@
 // One CSV row each; scripts/tiles.py makes the tables and pictures of them.
 #include <algorithm>
 #include <charconv>
-#include <chrono>
 #include <cmath>
 #include <cstdint>
 #include <cstdio>
-#include <ctime>
 #include <exception>
 #include <iterator>
 #include <limits>
@@ -78,22 +76,10 @@ std::string text(double value, int digits = 4) {
   return buffer;
 }
 
-/// The time of the processor where one thread works, since others share the machine; else that of the clock.
-double seconds() {
-  if (pgl::host::thread_count() == 1) return static_cast<double>(std::clock()) / CLOCKS_PER_SEC;
-  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
-}
-
 /// Milliseconds of body(): the least of some.
 template <class Body>
 double least_ms(int repetitions, Body&& body) {
-  double least = std::numeric_limits<double>::infinity();
-  for (int i = 0; i < repetitions; ++i) {
-    const double start = seconds();
-    body();
-    least = std::min(least, 1e3 * (seconds() - start));
-  }
-  return least;
+  return pgl::bench::least_shared_ms(repetitions, pgl::host::thread_count(), body);
 }
 
 // ---- a frame of the plant -------------------------------------------------------------------------------------------

@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: MIT
-// What benchmarks with a peer in the same run share: the least time of several runs, and the number of threads.
+// What benchmarks and studies share: the least time of several runs, and the number of threads.
 #pragma once
 
 #include <algorithm>
 #include <chrono>
+#include <cstddef>
 #include <cstdint>
+#include <ctime>
 #include <limits>
 
 #if defined(_OPENMP)
@@ -22,6 +24,19 @@ double least_ms(int repeats, Run&& run) {
     run();
     const std::chrono::duration<double, std::milli> took = std::chrono::steady_clock::now() - start;
     least = std::min(least, took.count());
+  }
+  return least;
+}
+
+/// The same where others share the machine and `threads` work: one's time is that of the processor.
+template <class Run>
+double least_shared_ms(int repeats, std::size_t threads, Run&& run) {
+  if (threads > 1) return bench::least_ms(repeats, run);
+  double least = std::numeric_limits<double>::infinity();
+  for (int k = 0; k < repeats; ++k) {
+    const std::clock_t start = std::clock();
+    run();
+    least = std::min(least, 1e3 * static_cast<double>(std::clock() - start) / CLOCKS_PER_SEC);
   }
   return least;
 }
