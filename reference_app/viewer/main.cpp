@@ -316,6 +316,43 @@ class Imbalance {
   int frames_ = 0;
 };
 
+/// What was drawn and measured, by whom.
+void fill_report(const Options& options, const Times& times, AnyFrame& frame, Renderer& renderer,
+                 const scene::ModelFile* file, Report& report) {
+  report.drawn_vertices = renderer.buffers().vertices();
+  report.drawn_triangles = renderer.buffers().triangles();
+  report.frames = static_cast<int>(times.frames());
+  Selection selection;
+  if (report.frames > 0) selection = frame.selection();
+  report.drawn_objects = selection.counts.size() - static_cast<std::size_t>(std::ranges::count(selection.counts, 0u));
+  report.memory = frame.memory();
+  if (file != nullptr) {
+    report.file_bytes = file->bytes();
+    report.file_bytes_read = file->bytes_verified();
+  }
+  if (options.checksums) {
+    report.frame_ms = times.frames_ms();
+    report.load_ms = times.loads_ms();
+  }
+  const auto none = [](const std::vector<std::uint8_t>& flags) {
+    return static_cast<std::uint64_t>(std::ranges::count(flags, std::uint8_t{0}));
+  };
+  report.culled_frustum = none(selection.in_view);
+  report.culled_occlusion = none(selection.visible) - report.culled_frustum;
+  report.occluders = selection.occluders.size();
+  times.report(!options.stream.overlap, report.ms);
+  report.mean_ms = times.means();
+  report.samples = renderer.samples();
+  const BackendInfo info = frame.info();
+  report.backend = info.name;
+  report.gpu = info.gpu;
+  report.interop = info.interop;
+  report.gl_vendor = renderer.vendor();
+  report.gl_renderer = renderer.renderer();
+  report.gl_version = renderer.version();
+  if (!options.stats.empty()) report.drawn_checksum = renderer.buffers().checksum();
+}
+
 template <class Index>
 void show(const Options& options, const FrameModel<Index>& from, scene::ModelFile* file, Ranks& ranks, Window* window,
           Report& report) {
@@ -498,39 +535,10 @@ void show(const Options& options, const FrameModel<Index>& from, scene::ModelFil
   together(ranks, [&] {
     report.budget = request.distribution.budget;
     report.threshold = options.lod == LodMode::error ? request.threshold : 0.0f;
-    report.drawn_vertices = renderer->buffers().vertices();
-    report.drawn_triangles = renderer->buffers().triangles();
-    report.frames = static_cast<int>(times.frames());
-    Selection selection;
-    if (report.frames > 0) selection = frame->selection();
-    report.drawn_objects = selection.counts.size() - static_cast<std::size_t>(std::ranges::count(selection.counts, 0u));
-    report.memory = frame->memory();
-    if (file != nullptr) {
-      report.file_bytes = file->bytes();
-      report.file_bytes_read = file->bytes_verified();
-    }
-    if (options.checksums) {
-      report.frame_ms = times.frames_ms();
-      report.load_ms = times.loads_ms();
-    }
-    const auto none = [](const std::vector<std::uint8_t>& flags) {
-      return static_cast<std::uint64_t>(std::ranges::count(flags, std::uint8_t{0}));
-    };
-    report.culled_frustum = none(selection.in_view);
-    report.culled_occlusion = none(selection.visible) - report.culled_frustum;
-    report.occluders = selection.occluders.size();
-    times.report(!options.stream.overlap, report.ms);
-    report.mean_ms = times.means();
+    fill_report(options, times, *frame, *renderer, file, report);
     report.width = width;
     report.height = height;
-    report.samples = renderer->samples();
     report.camera = order.camera;
-    report.backend = info.name;
-    report.gpu = info.gpu;
-    report.interop = info.interop;
-    report.gl_vendor = renderer->vendor();
-    report.gl_renderer = renderer->renderer();
-    report.gl_version = renderer->version();
     if (shared) {
       report.rank = ranks.rank();
       report.pictures = exchange ? exchange->how() : "none";
@@ -539,7 +547,7 @@ void show(const Options& options, const FrameModel<Index>& from, scene::ModelFil
       if (report.frames > 0) report.tile = own_tile();
       report.weight = request.weights[static_cast<std::size_t>(ranks.rank())];
     }
-    if (!options.stats.empty()) report.drawn_checksum = renderer->buffers().checksum();
+    if (file != nullptr) file->check();  // that the last frame drew no zeros instead of what is gone
   });
   if (shared) report.ranks = ranks.gather_texts(to_json(report));
   exchange.reset();
@@ -560,12 +568,12 @@ void show(const Options& options, const FrameModel<Index>& from, scene::ModelFil
       const Image image = draw_reference(from, frame->selection(), order.camera, order.view, box, extent);
       files.push_back({"--reference", options.reference, encode_png("--reference", image)});
     }
-    if (file != nullptr) file->check();  // that the last frame drew no zeros instead of what is gone
+    if (file != nullptr) file->check();  // the reference reads it too
   };
   if (wall) {
     together(ranks, encode);
     together(ranks, [&] { write_files(files); });
-  } else {
+  } else if (ranks.rank() == 0) {
     encode();
     write_files(files);
   }
