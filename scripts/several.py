@@ -160,8 +160,8 @@ def page(figures):
         second over those of the first row. Selection: culling, projection, budget, and with several ranks tiles
         and who is in them. Streaming: packing and sending what is new, defragmenting. Building: reform, gather,
         OpenGL's buffers. Pictures: bringing the tiles together, and waiting for the others. *Imbalance* is what the
-        largest share of the triangles has above the mean. The runs of the first table are each the middle one of three
-        flights. *Same picture*: the last one, byte for byte, as that of one
+        largest share of the triangles has above the mean. The runs of the first table, but for
+        64 bins, are each the middle one of three flights. *Same picture*: the last one, byte for byte, as that of one
         GPU."""),
         "## One GPU, equal parts, balanced ([Peng13] Table 5.1)",
         step_table([named[n] for n in ("one GPU", "equal parts", "balanced, histogram", "balanced, 64 bins",

@@ -251,7 +251,7 @@ class Layout {
     }
   }
 
-  /// A stub of pipe out of a vessel. Returns where a route may begin.
+  /// A short piece of pipe out of a vessel. Returns where a route may begin.
   Vec nozzle(Vec at, Vec dir, Real r, Real l = 0.25) {
     const int hollow = pick(2);
     add(PlantKind::pipe, facing(at - dir * 0.1, dir), {r, l + 0.1}, {sides(r), 1}, hollow);
